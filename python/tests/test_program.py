@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import os
+import shutil
+import subprocess
 import sys
 from pathlib import Path
 
@@ -107,12 +110,55 @@ def test_errors_in_the_experiment_have_a_place(tmp_path: Path) -> None:
     assert not (tmp_path / "run").exists()
 
 
+def executable(path: Path) -> Path:
+    path.parent.mkdir(parents=True, exist_ok=True)
+    path.write_text("#!/bin/sh\n")
+    path.chmod(0o755)
+    return path.resolve()
+
+
+def found(site: Path, **environment: str) -> Path:
+    """The program that the package in the folder `site` calls."""
+    code = "import depthloom._program; print(depthloom._program.program())"
+    paths = os.pathsep.join([str(site), *sys.path])
+    inherited = {name: value for name, value in os.environ.items() if name != "DEPTHLOOM"}
+    done = subprocess.run([sys.executable, "-c", code], env={**inherited, "PYTHONPATH": paths, **environment}, check=True, capture_output=True, text=True)
+    return Path(done.stdout.strip())
+
+
+def test_the_variable_precedes_the_installed_program_which_precedes_the_path(tmp_path: Path) -> None:
+    site = tmp_path / "lib/python3/site-packages"
+    shutil.copytree(Path(depthloom.__file__).parent, site / "depthloom")
+    on_path = executable(tmp_path / "elsewhere/depthloom")
+    named = executable(tmp_path / "named/other-name")
+    records = site / "depthloom-0.2.0.dist-info/RECORD"
+    records.parent.mkdir()
+    records.with_name("METADATA").write_text("Metadata-Version: 2.4\nName: depthloom\nVersion: 0.2.0\n")
+    path = str(on_path.parent)
+
+    # `pip install ./python` installs the module alone, also beside a program that it did not install.
+    records.write_text("depthloom/__init__.py,,\ndepthloom/_program.py,,\n")
+    installed = executable(tmp_path / "bin/depthloom")
+    assert found(site, PATH=path) == on_path
+    # A wheel lists its program.
+    records.write_text("../../../bin/depthloom,,\ndepthloom/__init__.py,,\ndepthloom/_program.py,,\n")
+    assert found(site, PATH=path) == installed
+    assert found(site, PATH=path, DEPTHLOOM=str(named)) == named
+    # A list without this module is of another installation.
+    records.write_text("../../../bin/depthloom,,\n")
+    assert found(site, PATH=path) == on_path
+    # `pip install --target` moves the program into `bin/` of its folder.
+    beside = executable(site / "bin/depthloom")
+    assert found(site, PATH=path) == beside
+
+
 def test_without_the_program_the_error_names_a_remedy(look: depthloom.Run, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("DEPTHLOOM", "/nowhere/depthloom")
     with pytest.raises(depthloom.ProgramError, match="/nowhere/depthloom"):
         depthloom.run(EXPERIMENTS / "first-look.yaml")
     monkeypatch.delenv("DEPTHLOOM")
     monkeypatch.setenv("PATH", "/nowhere")
+    monkeypatch.setattr("depthloom._program._installed", lambda: None)
     with pytest.raises(depthloom.ProgramError, match="cargo build --release"):
         depthloom.run(EXPERIMENTS / "first-look.yaml")
     # Recorded values can be read without the program.

@@ -7,6 +7,8 @@ import os
 import shutil
 import subprocess
 from collections.abc import Mapping
+from importlib.metadata import PackageNotFoundError, distribution
+from pathlib import Path
 from typing import Any
 
 from ._errors import ProgramError
@@ -15,14 +17,29 @@ StrPath = str | os.PathLike[str]
 
 
 def program() -> str:
-    """The program's path, from the environment variable `DEPTHLOOM` or the PATH."""
+    """The program's path: what the environment variable `DEPTHLOOM` names, else the program of the wheel, else the first on the PATH."""
     named = os.environ.get("DEPTHLOOM")
-    found = shutil.which(named or "depthloom")
+    found = shutil.which(named) if named else _installed() or shutil.which("depthloom")
     if found is None:
-        what = f"DEPTHLOOM names `{named}`, which is not a program" if named else "there is no program `depthloom` on the PATH"
-        remedy = "build it (`cargo build --release` in its repository), and set DEPTHLOOM to `target/release/depthloom`"
+        what = f"DEPTHLOOM names `{named}`, which is not a program" if named else "this package contains no program, and there is no `depthloom` on the PATH"
+        remedy = "build it (`cargo build --release` in its repository) and set DEPTHLOOM to `target/release/depthloom`, or install a wheel that contains it"
         raise ProgramError(f"{what}; {remedy}")
     return found
+
+
+def _installed() -> str | None:
+    """The program that was installed with this module. Wheels have one, `pip install ./python` installs none."""
+    module = Path(__file__).resolve().parent
+    try:
+        files = distribution("depthloom").files or []
+    except PackageNotFoundError:
+        files = []
+    # The list of files is of the first installation on `sys.path`: another one may have been imported.
+    paths = {Path(file.locate()).resolve() for file in files}
+    listed = [path for path in paths if path.name in ("depthloom", "depthloom.exe")] if module / "_program.py" in paths else []
+    # `pip install --target` moves programs to `bin/`, and does not list them there.
+    candidates = [*listed, module.parent / "bin/depthloom"]
+    return next((str(path) for path in candidates if path.is_file() and os.access(path, os.X_OK)), None)
 
 
 def ask(*arguments: StrPath, accepted: tuple[int, ...] = (0,)) -> dict[str, Any]:
