@@ -19,7 +19,7 @@ trap 'rm -rf "$work"' EXIT
 
 mkdir -p "$folder" "$work/$name/completions"
 install -m 755 "$program" "$work/$name/depthloom"
-install -m 644 "$root/LICENSE-APACHE" "$root/LICENSE-MIT" "$root/README.md" "$root/CHANGELOG.md" "$work/$name/"
+install -m 644 "$root"/LICENSE-* "$root/README.md" "$root/CHANGELOG.md" "$work/$name/"
 # The pages have the name of the file that is called.
 "$work/$name/depthloom" man --out "$work/$name/man" >"$work/man.log"
 for shell in bash elvish fish powershell zsh; do
@@ -27,9 +27,9 @@ for shell in bash elvish fish powershell zsh; do
 done
 # GNU tar writes the same bytes for the same program; other tars lack these options.
 same=()
-if tar --version | grep -q 'GNU tar'; then
-    same=(--sort=name --owner=0 --group=0 --numeric-owner --mtime=@0)
-fi
+case $(tar --version) in
+    *'GNU tar'*) same=(--sort=name --owner=0 --group=0 --numeric-owner --mtime=@0) ;;
+esac
 tar -C "$work" ${same[@]+"${same[@]}"} -cf - "$name" | gzip -n -9 >"$folder/$name.tar.gz"
 cd "$folder"
 if command -v sha256sum >/dev/null; then

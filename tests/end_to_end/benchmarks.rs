@@ -4,14 +4,13 @@ use std::collections::BTreeSet;
 use std::path::PathBuf;
 use std::process::Command;
 
-use depthloom_test_needs::{chromium, dora, target};
+use depthloom_test_needs::{chromium, dora, packaging, target};
 
 use crate::support::{full, python, shared, skipped, workspace};
 
 /// Requirements of a benchmark besides bash and the programs of this workspace.
 #[derive(Clone, Copy, PartialEq, Eq)]
 enum Need {
-    Nothing,
     /// Packages of `tests/python/requirements.txt`.
     Python,
     /// The same packages, and the folder of reference data.
@@ -19,6 +18,8 @@ enum Need {
     /// Packages of `tests/python/requirements-dora.txt`.
     Dora,
     Chromium,
+    /// Packages of `tests/python/requirements-packaging.txt`.
+    Packaging,
     /// TensorFlow takes 1.5 GB of disk, so the tests use it only if it is installed already.
     TensorFlow,
 }
@@ -32,7 +33,7 @@ const SCRIPTS: [Script; 11] = [
     ("analysis", &["--samples", "1000", "--rounds", "1"], Need::Python, "ratio analysis-polars ", &[]),
     ("fusion", &["--frames", "150", "--rounds", "1"], Need::PythonAndShared, "ratio fusion-1t ", &["fusion_chain"]),
     ("learning", &["--rounds", "1", "--steps", "1"], Need::TensorFlow, "ratio step-1t ", &["steps"]),
-    ("newcomer", &["2"], Need::Nothing, "newcomer street significant ", &[]),
+    ("newcomer", &["2"], Need::Packaging, "newcomer wheel first-table ", &[]),
     (
         "onnx",
         &["--count", "1", "--rounds", "2", "--threads", "1"],
@@ -58,7 +59,6 @@ const SCRIPTS: [Script; 11] = [
 fn needs(test: &str, need: Need) -> Option<Option<PathBuf>> {
     let venv = |python: PathBuf| python.ancestors().nth(2).map(ToOwned::to_owned);
     match need {
-        Need::Nothing => Some(None),
         Need::Python => Some(venv(python(test)?)),
         Need::PythonAndShared => {
             shared(test)?;
@@ -66,6 +66,7 @@ fn needs(test: &str, need: Need) -> Option<Option<PathBuf>> {
         }
         Need::Dora => Some(dora(test)?.parent().map(ToOwned::to_owned)),
         Need::Chromium => chromium(test).map(|_| None),
+        Need::Packaging => Some(venv(packaging(test)?)),
         Need::TensorFlow => {
             let venv = target().join("venv-tensorflow");
             if venv.join("bin/python").is_file() {

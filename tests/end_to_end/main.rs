@@ -33,6 +33,7 @@ mod learning;
 mod looking;
 mod networks;
 mod outputs;
+mod packaging;
 mod page;
 mod plain_language;
 #[cfg(target_os = "linux")]

@@ -60,6 +60,17 @@ pub fn dora(test: &str) -> Option<PathBuf> {
     get_or_create(test, &PYTHON, || environment("dora-tests", "requirements-dora.txt"))?.parent().map(Path::to_owned)
 }
 
+/// The Python of `target/packaging-tests`, with maturin and what checks the files of `packaging/`. `None` without Python
+/// or a package index: the test is then reported as skipped.
+///
+/// # Panics
+/// If it cannot be created and `DEPTHLOOM_REQUIRE_PYTHON` is set.
+#[must_use]
+pub fn packaging(test: &str) -> Option<PathBuf> {
+    static PYTHON: Shared<PathBuf> = OnceLock::new();
+    get_or_create(test, &PYTHON, || environment("packaging-tests", "requirements-packaging.txt"))
+}
+
 /// A value that the first test that needs it creates for the others.
 pub(crate) type Shared<T> = OnceLock<Result<T, String>>;
 
