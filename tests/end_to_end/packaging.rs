@@ -144,8 +144,8 @@ fn built() -> PathBuf {
     PathBuf::from(env!("CARGO_BIN_EXE_depthloom"))
 }
 
-/// The program of the archive, and command and module of the wheel, in an environment of their own: `packaging/smoke.sh`
-/// runs what the release workflow runs before it publishes. maturin makes the wheel of the program under test.
+/// The program of the archive, and command and module of the wheel, in an environment of their own. The release
+/// workflow runs `packaging/smoke.sh`, too, before it publishes. maturin makes the wheel of the program under test.
 #[cfg(target_os = "linux")]
 #[test]
 fn wheel_and_archive_run_an_experiment() {
@@ -207,7 +207,7 @@ fn the_source_distribution_resolves_and_leaves_out_the_tests() {
     const TEST: &str = "the_source_distribution_resolves_and_leaves_out_the_tests";
     let Some(python) = packaging(TEST) else { return };
     if !workspace().join(".git").exists() {
-        depthloom_test_needs::skipped(TEST, "this is no checkout: git lists the files of a source distribution");
+        depthloom_test_needs::skipped(TEST, "there is no git repository: git lists the files of a source distribution");
         return;
     }
     let folder = tempfile::tempdir().expect("a folder");

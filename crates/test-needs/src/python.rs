@@ -60,8 +60,8 @@ pub fn dora(test: &str) -> Option<PathBuf> {
     get_or_create(test, &PYTHON, || environment("dora-tests", "requirements-dora.txt"))?.parent().map(Path::to_owned)
 }
 
-/// The Python of `target/packaging-tests`, with maturin and what checks the files of `packaging/`. `None` without Python
-/// or a package index: the test is then reported as skipped.
+/// The Python of `target/packaging-tests`, with maturin and linters for the files of `packaging/`. `None` without
+/// Python or a package index: the test is then reported as skipped.
 ///
 /// # Panics
 /// If it cannot be created and `DEPTHLOOM_REQUIRE_PYTHON` is set.
