@@ -11,6 +11,7 @@ mod ids;
 pub mod key;
 pub mod language;
 mod message;
+mod natural_order;
 pub mod plan;
 pub mod ready;
 pub mod registry;
@@ -26,5 +27,6 @@ pub use contracts::{
 pub use counted::counted;
 pub use key::Key;
 pub use message::{ErrorMessage, Remedied, chain};
+pub use natural_order::natural_order;
 pub use registry::Registry;
 pub use values::{Value, ValueType};

@@ -244,7 +244,18 @@ fn show_files(instance: &Instance, node: &PlannedNode, files: &BTreeMap<PathBuf,
         return Ok(());
     }
     let ports: Vec<Port> = node.inputs.iter().map(|input| input.port.clone()).collect();
-    instance.prepare(&Inputs::new(&ports, &values))
+    instance.prepare(&Inputs::new(&ports, &values)).map_err(|fault| {
+        let chain = fault.chain();
+        let paths = node.inputs.iter().filter_map(|input| match &input.from {
+            Some(Origin::File(path)) => Some(path.display().to_string()),
+            _ => None,
+        });
+        let paths: Vec<String> = paths.filter(|path| !chain.contains(path)).collect();
+        match paths.as_slice() {
+            [path] => fault.map_what(|what| format!("{path}: {what}")),
+            _ => fault,
+        }
+    })
 }
 
 /// ONNX's own limit.

@@ -3,7 +3,7 @@
 use std::collections::BTreeMap;
 use std::path::PathBuf;
 
-use depthloom_graphs::regular_file;
+use depthloom_graphs::{natural_order, regular_file};
 
 use crate::error::AnalysisError;
 
@@ -14,7 +14,7 @@ const FORMAT: &str = "a file of groups is CSV with the columns frame,group and o
 /// How frames are grouped.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum Grouping {
-    /// Frames of one sequence: a new one begins where the folder in the id changes, or where frame numbers restart.
+    /// Frames of one sequence: a new one begins where the folder in the id changes, or where the number in it restarts.
     Sequence,
     /// Consecutive frames, so many in a group.
     Blocks(usize),
@@ -117,9 +117,11 @@ fn sequences(frames: &[(&str, u64)]) -> Vec<usize> {
     let folder = |id: &str| id.rsplit_once('/').map(|(folder, _)| folder.to_owned());
     let mut group = 0;
     let mut groups = Vec::with_capacity(frames.len());
-    for (place, (id, number)) in frames.iter().enumerate() {
-        if let Some((before, number_before)) = place.checked_sub(1).map(|before| frames[before]) {
-            group += usize::from(folder(before) != folder(id) || *number <= number_before);
+    for (place, (id, index)) in frames.iter().enumerate() {
+        if let Some((before, index_before)) = place.checked_sub(1).map(|before| frames[before]) {
+            // Concatenated sources continue the index, but not the names of files.
+            let restarts = natural_order(id, before).is_le() || *index <= index_before;
+            group += usize::from(folder(before) != folder(id) || restarts);
         }
         groups.push(group);
     }
@@ -137,7 +139,7 @@ mod tests {
 
     #[test]
     fn a_sequence_ends_where_the_folder_changes_or_numbers_restart() {
-        let frames = [("a/0", 0), ("a/1", 1), ("b/2", 2), ("b/3", 3), ("b/0", 0), ("b/7", 7)];
+        let frames = [("a/9", 0), ("a/10", 1), ("b/2", 2), ("b/3", 3), ("b/0", 4), ("b/7", 5)];
         assert_eq!(groups("sequence", &frames).unwrap(), [0, 0, 1, 1, 2, 2]);
         assert_eq!(groups("blocks:4", &frames).unwrap(), [0, 0, 0, 0, 1, 1]);
         for wrong in ["blocks:1", "blocks", "drive", "groups.txt"] {

@@ -17,7 +17,6 @@ use depthloom_graphs::{Context, Fault, Outputs, Port, ValueType};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
-pub(crate) use self::globs::natural_text;
 pub use self::globs::{Match, files as files_of_pattern};
 use self::pairs::{Pairs, by_list, by_names, list_has_pairs};
 use self::truth::{ImagesTruth, TruthOf, TruthUnit};

@@ -5,7 +5,7 @@ use std::path::{Path, PathBuf};
 
 use depthloom_graphs::contracts::{DataPath, FrameSelection, Recognised, SourceDeclaration};
 use depthloom_graphs::values::Depth;
-use depthloom_graphs::{Context, Fault, Outputs};
+use depthloom_graphs::{Context, Fault, Outputs, natural_order};
 use depthloom_kernels::depth::truth_from_depth_png;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
@@ -15,7 +15,6 @@ use crate::shape::filled;
 use crate::sources::dataset::folders::{existing_file, existing_folder, existing_with_ending, folders, stems};
 use crate::sources::dataset::frame_files::{CALIBRATION, Files, LEFT, Part, RIGHT, TRUTH};
 use crate::sources::dataset::{DatasetKind, Listing, calibration_port, depth_port, image_port, required};
-use crate::sources::images::natural_text;
 use crate::sources::kitti::calibration;
 use crate::sources::kitti::cameras::KittiCameras;
 use crate::sources::kitti::drives::{self, IMAGES};
@@ -167,7 +166,7 @@ fn list(params: &KittiDepth) -> Result<Listing, Fault> {
     let mut frames: Vec<(&str, String, PathBuf)> = Vec::new();
     for (drive, maps) in &chosen {
         let mut stems: Vec<(String, PathBuf)> = stems(maps, &["png"], LAYOUT)?.into_iter().collect();
-        stems.sort_by(|(a, _), (b, _)| natural_text(a, b));
+        stems.sort_by(|(a, _), (b, _)| natural_order(a, b));
         frames.extend(stems.into_iter().map(|(stem, map)| (drive.as_str(), stem, map)));
     }
     let ids = drives::ids(frames.iter().map(|(drive, stem, _)| (*drive, &**stem)), chosen.len() == 1);

@@ -5,7 +5,7 @@ use std::path::{Path, PathBuf};
 
 use depthloom_graphs::contracts::{DataPath, FrameSelection, Recognised, SourceDeclaration, SwitchedOff};
 use depthloom_graphs::values::Depth;
-use depthloom_graphs::{Context, Fault, Outputs, counted};
+use depthloom_graphs::{Context, Fault, Outputs, counted, natural_order};
 use depthloom_kernels::velodyne::{Rule, depth_from_points};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
@@ -17,7 +17,6 @@ use crate::sources::dataset::frame_files::{CALIBRATION, File, Files, LEFT, Part,
 use crate::sources::dataset::{
     DatasetKind, FrameFiles, Listing, calibration_port, depth_port, image_port, required, truth_off,
 };
-use crate::sources::images::natural_text;
 use crate::sources::kitti::calibration;
 use crate::sources::kitti::cameras::KittiCameras;
 use crate::sources::kitti::drives::{self, Drive, DriveFrame, IMAGES, is_drive};
@@ -274,7 +273,7 @@ fn list(params: &KittiRaw) -> Result<Listing, Fault> {
         for drive in chosen {
             let files = DriveFiles::list(drive, params)?;
             let mut stems: Vec<&String> = files.lefts.keys().collect();
-            stems.sort_by(|a, b| natural_text(a, b));
+            stems.sort_by(|a, b| natural_order(a, b));
             frames.extend(stems.into_iter().map(|stem| (drive, stem.clone())));
             if by_drive.insert(&drive.name, files).is_some() {
                 return Err(Fault::new(format!("drive {} is named twice", drive.name)));
