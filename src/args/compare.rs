@@ -118,8 +118,8 @@ pub(crate) struct CompareArgs {
     ///
     /// Use it for video, whose frames are correlated: intervals over single frames are then too narrow.
     ///
-    /// - `sequence`: a group ends where the folder in the frame's id changes, or where the number in it restarts
-    /// - `blocks:N`: N consecutive frames
+    /// - `sequence`: a group ends where the folder in the frame's id changes, or where ids stop rising
+    /// - `blocks:N`: N of the compared frames, in their order
     /// - a CSV file with the columns `frame,group`
     #[arg(long, value_name = "GROUPS", value_parser = Grouping::parse, conflicts_with = "by", verbatim_doc_comment)]
     pub group: Option<Grouping>,

@@ -6,7 +6,7 @@ use std::time::Duration;
 use clap::{ArgGroup, Args, Subcommand};
 use clap_complete::engine::ArgValueCompleter;
 
-use depthloom_runs::{Condition, parse_tag};
+use depthloom_runs::{Condition, parse_note, parse_tag};
 use depthloom_terminal::{parse_age, parse_size};
 
 use super::RunsFolder;
@@ -95,7 +95,8 @@ pub(crate) struct ListArgs {
     /// The operators are = != < <= > >=. On the left is the path of a parameter with its defaults filled in
     /// (`STAGE.NODE.with.NAME`, `sources.NAME.with.NAME`), of a `kind` (`STAGE.NODE.kind`), or one of `best`,
     /// `experiment`, `frames`, `state`, `tag` and `variants`. A run with several variants is listed if one of them
-    /// fulfils it. Repeat the option for more conditions: a run must fulfil all.
+    /// fulfils it. Repeat the option for more conditions: a run must fulfil all, each in any of its variants. Of a
+    /// path, the last name is compared. States: complete, unfinished, running, damaged, unreadable.
     #[arg(long = "where", value_name = "CONDITION")]
     pub conditions: Vec<Condition>,
 
@@ -116,6 +117,8 @@ pub(crate) struct TagArgs {
     pub run: PathBuf,
 
     /// Add these tags (default: print the tags).
+    ///
+    /// A tag has 1 to 64 letters, digits and `-_.:/+`.
     #[arg(value_name = "TAG", value_parser = parse_tag)]
     pub tags: Vec<String>,
 
@@ -136,7 +139,7 @@ pub(crate) struct NoteArgs {
     pub run: PathBuf,
 
     /// Write this text in place of the earlier note (default: print the note).
-    #[arg(value_name = "TEXT")]
+    #[arg(value_name = "TEXT", value_parser = parse_note)]
     pub text: Option<String>,
 
     /// Remove the note.

@@ -424,6 +424,8 @@ fn runs_are_tagged_noted_and_selected_by_conditions() {
     assert_eq!(list(&["look.stereo.with.block<9"]), "five\n");
     assert_eq!(list(&["look.stereo.kind=stereo/sgbm", "sources.street.with.width=320", "frames=2"]), "nine\nfive\n");
     assert_eq!(list(&["state=complete", "best>1000"]), "");
+    let sources = workspace().join("experiments");
+    assert_eq!(list(&[&format!("look.stereo.with.block!={}", sources.display())]), "nine\nfive\n");
     let unknown = here.fails(&["runs", "list", "--where", "look.stereo.with.blok=9"], 2);
     assert!(unknown.contains("no run has `look.stereo.with.blok`"), "{unknown}");
     assert!(unknown.contains("look.stereo.with.block"), "{unknown}");
@@ -440,9 +442,28 @@ fn runs_are_tagged_noted_and_selected_by_conditions() {
     assert!(table.contains("tags") && table.contains("paper") && table.contains("the default..."), "{table}");
     let shown = here.json(&["runs", "show", "five"]);
     assert_eq!((&shown["note"], &shown["tags"]), (&json!("the default\nof OpenCV"), &json!([])));
-    let kept = here.json(&["runs", "prune", "--max-size", "0"]);
-    let why: Vec<&Json> = kept["kept"].as_array().expect("a list").iter().map(|run| &run["why"]).collect();
-    assert_eq!((why, &kept["removed"]), (vec![&json!("it has a note"), &json!("it has the tag `paper`")], &json!([])));
+    let pruned = here.json(&["runs", "prune", "--max-size", "0"]);
+    let why: Vec<&Json> = pruned["kept"].as_array().expect("a list").iter().map(|run| &run["why"]).collect();
+    assert_eq!(
+        (why, &pruned["removed"]),
+        (vec![&json!("it has a note"), &json!("it has the tag `paper`")], &json!([]))
+    );
+    let refused = here.fails(&["run", "--no-page", "look.yaml", "--out", "runs/nine", "--overwrite"], 2);
+    assert!(refused.contains("it has the tag `paper`"), "{refused}");
+    // Parallel commands lose no tag.
+    let tags: Vec<String> = (0..8).map(|number| format!("t{number}")).collect();
+    let children = tags.iter().map(|tag| here.command(&["runs", "tag", "five", tag]).spawn().expect("it starts"));
+    for mut child in children.collect::<Vec<_>>() {
+        assert!(child.wait().expect("it ends").success());
+    }
+    assert_eq!(printed(&["runs", "tag", "five"]), tags.iter().map(|tag| format!("{tag}\n")).collect::<String>());
+    // A run with notes that cannot be read is kept, too.
+    let notes = here.path().join("runs/five/notes.json");
+    std::fs::write(&notes, "{\"tags\": [").expect("written");
+    let pruned = here.json(&["runs", "prune", "--max-size", "0"]);
+    assert_eq!(pruned["kept"][0]["why"], "its notes.json cannot be read");
+    assert!(here.fails(&["runs", "tag", "five", "x"], 2).contains("notes.json"));
+    std::fs::write(&notes, "{\"note\": \"x\"}").expect("written");
     printed(&["runs", "note", "five", "--remove"]);
     assert!(!here.path().join("runs/five/notes.json").exists());
     // The files of notes are depthloom's own: a run with them can be removed by name.

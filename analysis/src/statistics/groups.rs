@@ -16,7 +16,7 @@ const FORMAT: &str = "a file of groups is CSV with the columns frame,group and o
 pub enum Grouping {
     /// Frames of one sequence: a new one begins where the folder in the id changes, or where the number in it restarts.
     Sequence,
-    /// Consecutive frames, so many in a group.
+    /// Consecutive frames, this number in a group.
     Blocks(usize),
     /// A CSV file with the columns `frame,group`.
     File(PathBuf),
@@ -71,6 +71,9 @@ impl Grouping {
                 return Err(failed(format!(":{}: the line has one field", at + 1)));
             };
             let (id, group) = (id.trim().trim_matches('"').to_owned(), group.trim().to_owned());
+            if group.is_empty() {
+                return Err(failed(format!(":{}: frame `{id}` has an empty group", at + 1)));
+            }
             if by_id.insert(id.clone(), group).is_some() {
                 return Err(failed(format!(":{}: frame `{id}` appears twice", at + 1)));
             }
@@ -163,6 +166,7 @@ mod tests {
             ("id,group\n2,rain\n", "the columns are `id,group`"),
             ("frame,group\n2,a\n2,b\n", ":3: frame `2` appears twice"),
             ("frame,group\n2\n", ":2: the line has one field"),
+            ("frame,group\n2,\n", ":2: frame `2` has an empty group"),
         ] {
             let error = with(content, &frames).unwrap_err();
             assert!(error.contains(what), "{error}");

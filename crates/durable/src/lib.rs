@@ -123,7 +123,11 @@ pub fn sync_tree(folder: &Path) -> io::Result<()> {
             sync_tree(&path)?;
         } else if kind.is_file() {
             // Some systems synchronise only what is open for writing.
-            File::options().read(true).write(!cfg!(unix)).open(&path)?.sync_all()?;
+            match File::options().read(true).write(!cfg!(unix)).open(&path) {
+                // A temporary file that another process has renamed in the meantime.
+                Err(error) if error.kind() == io::ErrorKind::NotFound => {}
+                opened => opened?.sync_all()?,
+            }
         }
     }
     sync_folder(folder)

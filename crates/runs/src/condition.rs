@@ -80,6 +80,16 @@ impl Condition {
     }
 
     fn is_true_of(&self, value: &Json) -> bool {
+        // A recording has the last name of a path.
+        let name = value.as_object().filter(|object| object.len() == 1).and_then(|object| object.get("name")?.as_str());
+        if let Some(name) = name {
+            let wanted = self.value.trim_end_matches('/').rsplit('/').next().unwrap_or_default();
+            return match self.comparison {
+                Comparison::Equal => name == wanted,
+                Comparison::Unequal => name != wanted,
+                _ => false,
+            };
+        }
         let text = match value {
             Json::String(text) => text.clone(),
             other => other.to_string(),
@@ -188,6 +198,9 @@ mod tests {
         assert!(holds("x>2", json!(10)) && holds("x!=2", json!(10)) && !holds("x>2", json!("many")));
         assert!(holds("x=sgbm", json!("sgbm")) && holds("x=true", json!(true)) && holds("x=~", json!(null)));
         assert!(holds("x=[640,192]", json!([640, 192])) && holds("x=[640, 192]", json!([640, 192])));
+        let folder = json!({ "name": "kitti" });
+        assert!(holds("x=/data/kitti/", folder.clone()) && holds("x=kitti", folder.clone()));
+        assert!(!holds("x!=/data/kitti", folder.clone()) && holds("x!=/data/other", folder));
         assert!(holds("x!=a", json!("b")) && !holds("x<b", json!("a")));
     }
 }

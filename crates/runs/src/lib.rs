@@ -26,7 +26,7 @@ pub use files::{FOLDER, MARKER, MODELS, NOTES, OUTDATED, RECORDING, TIMINGS, nex
 pub use found::{FoundRun, all, in_folder};
 pub use glance::{Best, File, Glance, State, bytes_in, files_in};
 pub use named::{named, named_in_full};
-pub use notes::{Notes, parse_tag};
+pub use notes::{Notes, mark, parse_note, parse_tag};
 pub use opening::{
     end, failed, is_recording, open, open_frames, partial_with, read_failed, recording_in, remedy_of_partial,
     run_failed,

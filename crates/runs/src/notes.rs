@@ -1,6 +1,7 @@
 //! Tags and a note that a person gives a run: `notes.json` in its folder.
 
 use std::collections::BTreeSet;
+use std::fs::File;
 use std::io::ErrorKind;
 use std::path::Path;
 
@@ -14,6 +15,7 @@ use crate::files::NOTES;
 /// The most bytes of it that are read.
 const LARGEST: u64 = 1 << 20;
 const LONGEST_TAG: usize = 64;
+const LONGEST_NOTE: usize = 10_000;
 
 /// Tags and a note of a run.
 #[derive(Clone, Debug, Default, PartialEq, Eq, JsonSchema, Serialize, Deserialize)]
@@ -48,6 +50,25 @@ impl Notes {
         }
     }
 
+    /// Changes the notes in a run's folder. Another process that does so at the same time waits.
+    ///
+    /// # Errors
+    /// As [`read`](Self::read) and [`write`](Self::write), or that of `change`.
+    pub fn change(folder: &Path, change: impl FnOnce(&mut Self) -> Result<(), CliError>) -> Result<Self, CliError> {
+        // The lock of the folder itself: the marker's is that of the process that writes the run.
+        let locked = File::open(folder).and_then(|folder| folder.lock().map(|()| folder));
+        let _locked = locked.map_err(|error| {
+            CliError::because(ExitCode::Usage, format_args!("failed to lock {}", folder.display()), &error)
+        })?;
+        let before = Self::read(folder)?;
+        let mut notes = before.clone();
+        change(&mut notes)?;
+        if notes != before {
+            notes.write(folder)?;
+        }
+        Ok(notes)
+    }
+
     /// Writes them into a run's folder, or removes the file if they are empty.
     ///
     /// # Errors
@@ -69,7 +90,32 @@ impl Notes {
         };
         written.map_err(|error| {
             CliError::of_writing(ExitCode::Usage, format_args!("failed to write {}", path.display()), &error)
+                .remedy("check the permissions of the run's folder, and the space on the disk")
         })
+    }
+}
+
+/// Why a run is kept: its tag or note. A run whose notes cannot be read is kept as well.
+#[must_use]
+pub fn mark(folder: &Path) -> Option<String> {
+    match Notes::read(folder) {
+        Ok(Notes { tags, note }) => {
+            let tag = tags.first().map(|tag| format!("it has the tag `{tag}`"));
+            tag.or_else(|| note.map(|_| "it has a note".to_owned()))
+        }
+        Err(_) => Some(format!("its {NOTES} cannot be read")),
+    }
+}
+
+/// Checks a note: at most 10,000 characters.
+///
+/// # Errors
+/// What is wrong with it.
+pub fn parse_note(text: &str) -> Result<String, String> {
+    let count = text.chars().count();
+    match count <= LONGEST_NOTE {
+        true => Ok(text.to_owned()),
+        false => Err(format!("a note has at most {LONGEST_NOTE} characters, and this has {count}")),
     }
 }
 

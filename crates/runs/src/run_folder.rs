@@ -299,6 +299,12 @@ fn make_parent(out: &Path) -> Result<(), CliError> {
 
 /// Refuses to replace the current folder, inputs of the run, or foreign files.
 fn keep_from_harm(path: &Path, read: &[PathBuf]) -> Result<(), CliError> {
+    if let Some(mark) = crate::notes::mark(path) {
+        let what = format!("{} is not replaced: {mark}", path.display());
+        let remedy =
+            "choose another --out, or remove tags and note with `depthloom runs tag` and `depthloom runs note`";
+        return Err(CliError::usage(what, remedy));
+    }
     match harm(path, read)? {
         None => Ok(()),
         Some(why) => {

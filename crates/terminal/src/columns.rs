@@ -14,8 +14,9 @@ pub fn aligned<const N: usize>(rows: &[[String; N]], right: &[usize]) -> String 
     let mut text = String::new();
     for row in &rows {
         let cells = row.iter().enumerate().map(|(column, cell)| {
-            let width = widths[column];
-            if right.contains(&column) { format!("{cell:>width$}") } else { format!("{cell:width$}") }
+            // The width of a formatted argument has only 16 bits.
+            let padding = " ".repeat(widths[column] - cell.chars().count());
+            if right.contains(&column) { format!("{padding}{cell}") } else { format!("{cell}{padding}") }
         });
         text.push_str(cells.collect::<Vec<_>>().join("  ").trim_end());
         text.push('\n');
@@ -31,6 +32,12 @@ mod tests {
     fn numbers_end_below_each_other() {
         let rows = [["run", "frames"], ["ä", "16"], ["first", "-"]].map(|row| row.map(str::to_owned));
         assert_eq!(aligned(&rows, &[1]), "run    frames\nä          16\nfirst       -\n");
+    }
+
+    #[test]
+    fn a_cell_may_be_long() {
+        let rows = [["a".repeat(70_000), "b".to_owned()], [String::new(), "c".to_owned()]];
+        assert_eq!(aligned(&rows, &[0]).lines().map(str::len).collect::<Vec<_>>(), [70_003, 70_003]);
     }
 
     #[test]

@@ -92,8 +92,8 @@ pub(crate) struct ImagesParams {
     pub root: DataPath,
     /// Pattern of the left images. `*` stands for any text within a name: `cam0/*.png`, `*_left.png`.
     pub left: Option<String>,
-    /// Pattern of the right images: `cam1/*.png`, `*_right.png`. Leave it out for a single camera; the output `right` does not
-    /// exist then.
+    /// Pattern of the right images: `cam1/*.png`, `*_right.png`. Leave it out for a single camera; the output `right`
+    /// does not exist then.
     pub right: Option<String>,
     /// CSV file that replaces `left` and `right`: columns left[,right][,ground_truth][,frame], one row per frame.
     pub list: Option<String>,
@@ -200,11 +200,11 @@ infinite or NaN are unknown. The depth of a disparity `d` is `f * B / (d + doffs
             return Err(("calibration", "what is `rectified` already has no `alpha`".to_owned()));
         }
         match has_pairs(params) {
-            true if numbers && calibration.baseline_m.is_none() => {
+            Some(true) if numbers && calibration.baseline_m.is_none() => {
                 let what = "a calibration of pairs in numbers needs `focal_px` and `baseline_m`";
                 Err(("calibration", what.to_owned()))
             }
-            false if !calibration.files.is_empty() => {
+            Some(false) if !calibration.files.is_empty() => {
                 let what = "`files` calibrate pairs, and there is no `right`: set `focal_px` and, where known, `cx_px` and `cy_px`";
                 Err(("calibration", what.to_owned()))
             }
@@ -213,7 +213,7 @@ infinite or NaN are unknown. The depth of a disparity `d` is `f * B / (d + doffs
     }
 
     fn switched_off(params: &ImagesParams) -> Vec<SwitchedOff> {
-        if has_pairs(params) {
+        if has_pairs(params) != Some(false) {
             return Vec::new();
         }
         let remedy = match &params.list {
@@ -228,7 +228,7 @@ infinite or NaN are unknown. The depth of a disparity `d` is `f * B / (d + doffs
         let truth = has_truth.then_some(params.ground_truth.unit == TruthUnit::Pixels);
         let calibration = &params.calibration;
         let has_baseline = calibration.baseline_m.is_some() || !calibration.files.is_empty();
-        Ok(outputs([has_pairs(params), calibration.is_given(), has_baseline], truth))
+        Ok(outputs([has_pairs(params) != Some(false), calibration.is_given(), has_baseline], truth))
     }
 
     fn list(params: &ImagesParams) -> Result<(Listing, Self), Fault> {
@@ -295,10 +295,11 @@ infinite or NaN are unknown. The depth of a disparity `d` is `f * B / (d + doffs
     }
 }
 
-fn has_pairs(params: &ImagesParams) -> bool {
+/// `None` if that is not known, because the list cannot be read.
+fn has_pairs(params: &ImagesParams) -> Option<bool> {
     match &params.list {
         Some(list) => list_has_pairs(&params.root.path().join(list)),
-        None => params.right.is_some(),
+        None => Some(params.right.is_some()),
     }
 }
 

@@ -37,6 +37,11 @@ impl Cloud {
         let is_disparity = matches!(value, Value::Disparity(_) | Value::FloatDisparity(_) | Value::TrueDisparity(_));
         let map = floats(value).filter(|_| is_disparity || matches!(value, Value::Depth(_) | Value::RelativeDepth(_)));
         let map = map.ok_or_else(|| format!("a value of type {} has no points", value.value_type()))?;
+        if is_disparity && calibration.is_single_camera() {
+            return Err(
+                "a disparity has no points without a baseline: the calibration is that of a single camera".to_owned()
+            );
+        }
         let (width, height) = map.dimensions();
         let others =
             [("calibration", Some((calibration.width, calibration.height))), ("image", image.map(Image::dimensions))];

@@ -139,6 +139,10 @@ fn partners(files: &[Match], others: &[Match], (what, other): (&str, &str)) -> R
     if let Some(positions) = by_key(files, others, |file| file.open.concat()) {
         return Ok(Partners { positions, warning: None });
     }
+    // `*` may include the extension.
+    if let Some(positions) = by_key(files, others, stem) {
+        return Ok(Partners { positions, warning: None });
+    }
     // Without a number there is nothing to go by.
     let numbers = |file: &Match| file.numbers().join(" ");
     let have_numbers = files.iter().chain(others).all(|file| !file.numbers().is_empty());
@@ -173,6 +177,12 @@ fn partners(files: &[Match], others: &[Match], (what, other): (&str, &str)) -> R
         )),
     };
     Ok(Partners { positions: (0..count).map(Some).collect(), warning })
+}
+
+/// The open parts of a name, without an extension.
+fn stem(file: &Match) -> String {
+    let open = file.open.concat();
+    Path::new(&open).with_extension("").to_string_lossy().into_owned()
 }
 
 /// The key must be unique on each side, and shared by at least one pair.
@@ -271,16 +281,17 @@ fn row(root: &Path, places: &BTreeMap<&str, usize>, columns: usize, text: &str) 
     Ok(Row { id, left, right, truth })
 }
 
-/// Whether the header of a list has the column `right`. A list that cannot be read is reported when it is opened.
-pub(super) fn list_has_pairs(list: &Path) -> bool {
+/// Whether the header of a list has the column `right`; `None` if it cannot be read or is no header, which is reported
+/// when the list is opened.
+pub(super) fn list_has_pairs(list: &Path) -> Option<bool> {
     let mut head = Vec::new();
     let read = regular_file::open(list).and_then(|file| file.take(LONGEST_HEADER).read_to_end(&mut head));
     let text = String::from_utf8_lossy(&head);
     let header = text.trim_start_matches('\u{feff}').lines().find(|line| !line.trim().is_empty()).and_then(fields);
     let has = |name: &str, columns: &[String]| columns.iter().any(|column| column.trim().eq_ignore_ascii_case(name));
     match (read, header) {
-        (Ok(_), Some(columns)) => has("right", &columns) || !has("left", &columns),
-        _ => true,
+        (Ok(_), Some(columns)) => has("left", &columns).then(|| has("right", &columns)),
+        _ => None,
     }
 }
 
@@ -328,6 +339,12 @@ mod tests {
         assert_eq!(order.positions, [Some(0), Some(1)]);
         assert!(order.warning.unwrap().ends_with("in their order: a.png with c.png, ..., b.png with d.png"));
         assert!(paired(&["a", "b"], &["c"]).unwrap_err().contains("it is unknown which lack their partner"));
+    }
+
+    #[test]
+    fn open_parts_may_include_the_extension() {
+        let paired = paired(&["a_1.png", "a_2.png", "Thumbs.db"], &["a_2.npy", "a_1.npy"]).unwrap();
+        assert_eq!((paired.positions, paired.warning), (vec![Some(1), Some(0), None], None));
     }
 
     #[test]

@@ -21,35 +21,46 @@ pub(crate) struct RunsNotes {
 /// Adds, removes or prints tags.
 pub(super) fn tag(args: &RunsArgs, tag: &TagArgs) -> Result<ExitCode, CliError> {
     let run = run(args, &tag.run)?;
-    let mut notes = Notes::read(&run.path)?;
-    let before = notes.clone();
-    match tag.remove {
-        true => {
-            if let Some(absent) = tag.tags.iter().find(|name| !notes.tags.contains(*name)) {
-                let known: Vec<&str> = notes.tags.iter().map(String::as_str).collect();
-                let remedy =
-                    if known.is_empty() { "it has none".to_owned() } else { format!("its tags: {}", known.join(", ")) };
-                return Err(CliError::usage(format!("{} has no tag `{absent}`", run.name), remedy));
+    let notes = match tag.tags.is_empty() {
+        true => Notes::read(&run.path)?,
+        false => Notes::change(&run.path, |notes| match tag.remove {
+            true => remove_tags(notes, &run, &tag.tags),
+            false => {
+                notes.tags.extend(tag.tags.iter().cloned());
+                Ok(())
             }
-            notes.tags.retain(|name| !tag.tags.contains(name));
-        }
-        false => notes.tags.extend(tag.tags.iter().cloned()),
+        })?,
+    };
+    let text = notes.tags.iter().map(|name| format!("{name}\n")).collect();
+    finish(args, &run, notes, text)
+}
+
+fn remove_tags(notes: &mut Notes, run: &FoundRun, tags: &[String]) -> Result<(), CliError> {
+    if let Some(absent) = tags.iter().find(|name| !notes.tags.contains(*name)) {
+        let known: Vec<&str> = notes.tags.iter().map(String::as_str).collect();
+        let remedy = match known.as_slice() {
+            [] => "the run has no tags".to_owned(),
+            known => format!("its tags: {}", known.join(", ")),
+        };
+        return Err(CliError::usage(format!("{} has no tag `{absent}`", run.name), remedy));
     }
-    finish(args, &run, &before, notes, |notes| notes.tags.iter().map(|name| format!("{name}\n")).collect())
+    notes.tags.retain(|name| !tags.contains(name));
+    Ok(())
 }
 
 /// Writes, removes or prints a note.
 pub(super) fn note(args: &RunsArgs, note: &NoteArgs) -> Result<ExitCode, CliError> {
     let run = run(args, &note.run)?;
-    let mut notes = Notes::read(&run.path)?;
-    let before = notes.clone();
-    if note.remove {
-        notes.note = None;
-    } else if let Some(text) = &note.text {
-        let text = text.trim();
-        notes.note = (!text.is_empty()).then(|| text.to_owned());
-    }
-    finish(args, &run, &before, notes, |notes| notes.note.iter().map(|text| format!("{text}\n")).collect())
+    let notes = match (&note.text, note.remove) {
+        (None, false) => Notes::read(&run.path)?,
+        (text, _) => Notes::change(&run.path, |notes| {
+            let text = text.as_deref().unwrap_or_default().trim();
+            notes.note = (!text.is_empty()).then(|| text.to_owned());
+            Ok(())
+        })?,
+    };
+    let text = notes.note.iter().map(|text| format!("{text}\n")).collect();
+    finish(args, &run, notes, text)
 }
 
 fn run(args: &RunsArgs, name: &Path) -> Result<FoundRun, CliError> {
@@ -57,19 +68,10 @@ fn run(args: &RunsArgs, name: &Path) -> Result<FoundRun, CliError> {
     FoundRun::at(&named(name, &folder)?, &folder)
 }
 
-fn finish(
-    args: &RunsArgs,
-    run: &FoundRun,
-    before: &Notes,
-    notes: Notes,
-    text: impl Fn(&Notes) -> String,
-) -> Result<ExitCode, CliError> {
-    if notes != *before {
-        notes.write(&run.path)?;
-    }
+fn finish(args: &RunsArgs, run: &FoundRun, notes: Notes, text: String) -> Result<ExitCode, CliError> {
     match args.json {
         true => output::print(&RunsNotes { path: run.path.to_string_lossy().into_owned(), notes })?,
-        false => print(text(&notes))?,
+        false => print(text)?,
     }
     Ok(ExitCode::Success)
 }

@@ -85,9 +85,8 @@ struct Run {
 
 impl Run {
     fn new(found: FoundRun) -> Self {
-        let Glance { state, experiment, bytes, notes, .. } = Glance::at(&found);
-        let tag = notes.tags.first().map(|tag| format!("it has the tag `{tag}`"));
-        let mark = tag.or_else(|| notes.note.map(|_| "it has a note".to_owned()));
+        let Glance { state, experiment, bytes, .. } = Glance::at(&found);
+        let mark = depthloom_runs::mark(&found.path);
         Self { found, state, experiment, bytes, mark }
     }
 
