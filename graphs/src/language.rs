@@ -5,6 +5,7 @@
 mod blame;
 mod change;
 mod check;
+mod document;
 mod ids;
 mod load;
 mod plan;
@@ -12,11 +13,17 @@ mod text;
 mod unused;
 
 pub(crate) use check::params::changed_since;
+pub use check::reference::Reference;
 pub use check::schema::schema;
 pub(crate) use check::schema_check::range_text;
+pub use check::with_schema::property;
 pub(crate) use check::with_schema::{alternatives, has_type, is_operational};
+pub use document::Document;
 pub use load::{Environment, Loaded, Options, load};
 pub use text::diagnostics::{Diagnostic, Diagnostics, Related, Severity};
 pub use text::glob::glob;
+pub use text::names::check_name;
 pub use text::names::nearest;
 pub use text::source_file::{Place, SourceFile};
+pub use text::tree::{Entry, Node, Tree};
+pub use text::word::Word;

@@ -43,6 +43,8 @@ pub struct Options<'a> {
     pub only: Vec<String>,
     /// The text of an experiment without a file; relative paths start at the working directory.
     pub text: Option<String>,
+    /// Texts that replace files on disk, by path: an editor has not saved them yet.
+    pub open_texts: Vec<(PathBuf, String)>,
     /// Looks up an environment variable.
     pub env: Environment<'a>,
 }
@@ -54,7 +56,8 @@ impl Default for Options<'_> {
     fn default() -> Self {
         // A value that is not UTF-8 keeps a replacement character, and is refused where it is used.
         let env = |name: &str| std::env::var_os(name).map(|value| value.to_string_lossy().into_owned());
-        Self { set: Vec::new(), matrix: Vec::new(), only: Vec::new(), text: None, env: Box::new(env) }
+        let (set, matrix, only, open_texts) = (Vec::new(), Vec::new(), Vec::new(), Vec::new());
+        Self { set, matrix, only, text: None, open_texts, env: Box::new(env) }
     }
 }
 
@@ -81,9 +84,7 @@ pub struct Loaded {
 /// Everything that is wrong with it. Invalid YAML and unreadable files end the check early.
 pub fn load(path: &Path, registry: &Registry, options: &Options<'_>) -> Result<Loaded, Diagnostics> {
     let arguments = Argument::all(&options.set, &options.matrix);
-    let looked_at = |arguments: &[Argument]| {
-        look_at((path, options.text.as_deref()), registry, &*options.env, arguments, &options.only)
-    };
+    let looked_at = |arguments: &[Argument]| look_at(path, registry, options, arguments);
     looked_at(&arguments).map_err(|found| {
         blame::pointed(found, &arguments, |argument| {
             let rest = [&arguments[..argument], &arguments[argument + 1..]].concat();
@@ -98,20 +99,16 @@ struct Arguments<'a> {
     only: Option<Node>,
 }
 
-fn look_at(
-    (path, text): (&Path, Option<&str>),
-    registry: &Registry,
-    env: &environment::Lookup<'_>,
-    typed: &[Argument],
-    only: &[String],
-) -> Result<Loaded, Diagnostics> {
+fn look_at(path: &Path, registry: &Registry, options: &Options<'_>, typed: &[Argument]) -> Result<Loaded, Diagnostics> {
+    let env = &*options.env;
     let mut report = Report::default();
     let mut files = Files::new(env);
-    if let Some(text) = text {
+    if let Some(text) = &options.text {
         files.add_text(path, text);
     }
+    options.open_texts.iter().for_each(|(path, text)| files.add_text(path, text));
     let (changes, set_files) = overrides::changes(typed, &mut report);
-    let (only, only_files) = overrides::only(only);
+    let (only, only_files) = overrides::only(&options.only);
     let arguments = Arguments { typed, changes: &changes, only };
     let planned = planned(path, registry, env, arguments, &mut files, &mut report);
     let mut order = files.sources();

@@ -144,11 +144,11 @@ pub(crate) fn parameter_help(kind: &str, schema: &Json, path: &[String]) -> Opti
 }
 
 /// Parameters with a default in Rust that a kind nevertheless requires.
-fn is_mandatory(schema: &Json) -> bool {
+pub(super) fn is_mandatory(schema: &Json) -> bool {
     schema.get("mandatory").and_then(Json::as_bool) == Some(true)
 }
 
-fn range_of(schema: &Json) -> Option<String> {
+pub(super) fn range_of(schema: &Json) -> Option<String> {
     // Its type lists the values.
     if is_frames(schema) || schema.get("enum").is_some() {
         return None;
@@ -164,11 +164,11 @@ fn is_frames(schema: &Json) -> bool {
     schema.get("format").and_then(Json::as_str) == Some("frames") || alternatives(schema).any(is_frames)
 }
 
-fn plain(value: &Json) -> String {
+pub(super) fn plain(value: &Json) -> String {
     value.as_str().map_or_else(|| value.to_string(), ToOwned::to_owned)
 }
 
-fn type_text(schema: &Json) -> String {
+pub(super) fn type_text(schema: &Json) -> String {
     let values = enumeration(schema);
     let words_alone = alternatives(schema).all(|one| has_type(one, "null") || !enumeration(one).is_empty());
     if !values.is_empty() && words_alone {
@@ -214,7 +214,7 @@ fn plural(kind: &str) -> String {
 }
 
 /// The values of an enumeration with their docs.
-fn enumeration(schema: &Json) -> Vec<(String, Option<&str>)> {
+pub fn enumeration(schema: &Json) -> Vec<(String, Option<&str>)> {
     let own = schema.get("enum").and_then(Json::as_array).into_iter().flatten();
     let own = own.filter(|value| !value.is_null()).map(|value| (plain(value), None));
     let constant = schema.get("const").map(|value| (plain(value), description(schema)));
@@ -228,7 +228,7 @@ fn description(schema: &Json) -> Option<&str> {
     schema.get("description").and_then(Json::as_str)
 }
 
-fn meaning(schema: &Json) -> String {
+pub(super) fn meaning(schema: &Json) -> String {
     let own = description(schema).filter(|_| schema.get("const").is_none()).unwrap_or("");
     let values = enumeration(schema);
     let documented: Vec<String> =

@@ -27,7 +27,7 @@ impl Scope {
     }
 }
 
-pub(super) struct Unknown {
+pub(crate) struct Unknown {
     pub(super) range: Range<usize>,
     pub(super) what: String,
     pub(super) help: Option<String>,
@@ -75,7 +75,7 @@ pub(crate) fn keys(root: &Node, path: &str) -> Option<Vec<String>> {
     located(root, path, Scope::CommandLine).ok()
 }
 
-pub(super) fn located(root: &Node, path: &str, scope: Scope) -> Result<Vec<String>, Unknown> {
+pub(crate) fn located(root: &Node, path: &str, scope: Scope) -> Result<Vec<String>, Unknown> {
     let path = Path::cut(path);
     if path.len() > DEEPEST {
         let what = format!("the path is deeper than {DEEPEST} keys, and no experiment is");

@@ -3,15 +3,23 @@
 use crate::language::text::source_file::Place;
 use crate::language::text::word::Word;
 
+/// A reference to an output.
 #[derive(Clone, Debug)]
-pub(crate) struct Reference {
-    pub(crate) stage: Option<Word>,
-    pub(crate) node: Word,
-    pub(crate) output: Word,
+pub struct Reference {
+    /// The stage, if it is named.
+    pub stage: Option<Word>,
+    /// The node, or `source`.
+    pub node: Word,
+    /// The output port.
+    pub output: Word,
 }
 
 impl Reference {
-    pub(crate) fn parse(text: &str, place: &Place) -> Result<Self, String> {
+    /// Parses a reference that is written at `place`.
+    ///
+    /// # Errors
+    /// Why it is not a reference.
+    pub fn parse(text: &str, place: &Place) -> Result<Self, String> {
         let word =
             |start: usize, end: usize| Word { text: text[start..end].to_owned(), place: place.part(text, start..end) };
         let Some(slash) = text.find('/') else {

@@ -4,7 +4,7 @@ use std::sync::Arc;
 
 use super::reference::Reference;
 use crate::language::text::diagnostics::{Diagnostic, Report};
-use crate::language::text::names::{self, EXPERIMENT_KEYS};
+use crate::language::text::names::{self, EXPERIMENT_KEYS, RESERVED_NODES, RESERVED_STAGES};
 use crate::language::text::source_file::Place;
 use crate::language::text::tree::{Entry, Node, Tree};
 use crate::language::text::word::Word;
@@ -17,9 +17,6 @@ pub(crate) const CLUES: [&str; 6] = ["image", "occluded", "obj_map", "calibratio
 pub(crate) const UNCERTAINTIES: [&str; 2] = ["deviation", "confidence"];
 const NODE_KEYS: &[&str] = &["kind", "inputs", "with"];
 const SOURCE_KEYS: &[&str] = &["kind", "with", "concat"];
-/// Words of the language.
-const RESERVED_NODES: &[&str] = &["source", "score", "graph"];
-const RESERVED_STAGES: &[&str] = &["sources", "stages", "record"];
 
 #[derive(Debug)]
 pub(crate) struct Spec {

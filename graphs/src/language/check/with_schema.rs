@@ -121,7 +121,8 @@ pub(super) fn part<'s>(schema: &'s Json, find: &dyn Fn(&'s Json) -> Option<&'s J
     find(schema).or_else(|| parts().find_map(|inner| part(inner, find)))
 }
 
-pub(crate) fn property<'s>(schema: &'s Json, key: &str) -> Option<&'s Json> {
+/// The schema of a key, also of one of the alternatives.
+pub fn property<'s>(schema: &'s Json, key: &str) -> Option<&'s Json> {
     part(schema, &|s| s.get("properties")?.get(key)).or_else(|| part(schema, &|s| s.get("additionalProperties")))
 }
 

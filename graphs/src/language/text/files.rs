@@ -62,6 +62,11 @@ impl<'a> Files<'a> {
         self.broken
     }
 
+    /// The files, each with its own tree if it could be parsed; the main file first.
+    pub(crate) fn documents(&self) -> impl Iterator<Item = (&Arc<SourceFile>, Option<&Arc<Node>>)> {
+        self.read.iter().map(|read| (&read.file, read.document.as_ref()))
+    }
+
     pub(crate) fn sources(&self) -> Vec<Arc<SourceFile>> {
         self.read.iter().map(|read| Arc::clone(&read.file)).collect()
     }

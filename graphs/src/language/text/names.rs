@@ -1,11 +1,17 @@
 //! Allowed names, and suggestions for misspelt ones.
 
+use std::sync::Arc;
+
 use super::diagnostics::{Diagnostic, Report};
-use super::source_file::Place;
+use super::source_file::{Place, SourceFile};
 use super::tree::{Entry, Node};
 
 pub(crate) const EXPERIMENT_KEYS: &[&str] =
     &["experiment", "description", "extends", "sources", "stages", "variants", "matrix", "only", "record"];
+
+/// Words of the language.
+pub(crate) const RESERVED_NODES: &[&str] = &["source", "score", "graph"];
+pub(crate) const RESERVED_STAGES: &[&str] = &["sources", "stages", "record"];
 
 /// Characters; names become topics, labels and parts of paths.
 const LONGEST: usize = 100;
@@ -13,6 +19,30 @@ const LONGEST: usize = 100;
 /// `what` is the named thing with its article: `a node`.
 pub(crate) fn check(name: &str, what: &str, reserved: &[&str], place: &Place, report: &mut Report) -> bool {
     allowed(name, what, "letters, digits, `_` and `-`", &['_', '-'], reserved, place, report)
+}
+
+/// Checks the new name of a stage, node, source, variant or estimate; `what` is the named thing with its article:
+/// `a node`.
+///
+/// # Errors
+/// Why it cannot be its name.
+pub fn check_name(name: &str, what: &str) -> Result<(), String> {
+    let reserved = match what {
+        "a node" => RESERVED_NODES,
+        "a stage" => RESERVED_STAGES,
+        _ => &[],
+    };
+    let mut report = Report::default();
+    let place = Place::start_of(&Arc::new(SourceFile::new("", name, "")));
+    if check(name, what, reserved, &place, &mut report) {
+        return Ok(());
+    }
+    let found = report.finish(&[]);
+    let texts = found.iter().map(|found| match &found.help {
+        Some(help) => format!("{}: {help}", found.message),
+        None => found.message.clone(),
+    });
+    Err(texts.collect::<Vec<_>>().join("; "))
 }
 
 /// A run without `--out` writes to `runs/<name>`.

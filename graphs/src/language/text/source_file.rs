@@ -69,11 +69,13 @@ impl Place {
         Self::new(file, &(0..file.text.len()))
     }
 
-    pub(crate) fn is_in(&self, file: &Arc<SourceFile>) -> bool {
+    /// Whether it is in this file.
+    pub fn is_in(&self, file: &Arc<SourceFile>) -> bool {
         Arc::ptr_eq(&self.file, file)
     }
 
-    pub(crate) fn contains(&self, inner: &Self) -> bool {
+    /// Whether another place is within this one.
+    pub fn contains(&self, inner: &Self) -> bool {
         self.is_in(&inner.file) && self.span.start <= inner.span.start && inner.span.end <= self.span.end
     }
 

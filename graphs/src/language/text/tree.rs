@@ -8,10 +8,13 @@ use super::diagnostics::Diagnostic;
 use super::source_file::Place;
 use super::word::Word;
 
+/// A value of a YAML document.
 #[derive(Clone, Debug)]
-pub(crate) struct Node {
-    pub(crate) value: Tree,
-    pub(crate) place: Place,
+pub struct Node {
+    /// The value.
+    pub value: Tree,
+    /// Where it is written.
+    pub place: Place,
     /// The text before the environment was substituted.
     pub(crate) written: Option<Written>,
 }
@@ -27,22 +30,34 @@ pub(crate) struct Written {
     pub(crate) has_variable: bool,
 }
 
+/// What a value is.
 #[derive(Clone, Debug)]
-pub(crate) enum Tree {
+pub enum Tree {
+    /// Nothing: `null`, `~`, or no text at all.
     Null,
+    /// `true` or `false`.
     Bool(bool),
+    /// A number.
     Number(Number),
+    /// A text.
     Text(String),
+    /// A list.
     List(Vec<Arc<Node>>),
+    /// A map, in the order of the file.
     Map(Vec<Entry>),
 }
 
+/// A key of a map, and its value.
+///
 /// Values are shared: changing a copy of a document copies only the path to the change.
 #[derive(Clone, Debug)]
-pub(crate) struct Entry {
-    pub(crate) key: String,
-    pub(crate) key_place: Place,
-    pub(crate) value: Arc<Node>,
+pub struct Entry {
+    /// The key.
+    pub key: String,
+    /// Where the key is written.
+    pub key_place: Place,
+    /// The value.
+    pub value: Arc<Node>,
 }
 
 impl Entry {
@@ -67,18 +82,21 @@ impl Node {
         Self { value, place, written: None }
     }
 
-    pub(crate) fn entries(&self) -> &[Entry] {
+    /// The entries of a map; none of any other value.
+    pub fn entries(&self) -> &[Entry] {
         match &self.value {
             Tree::Map(entries) => entries,
             _ => &[],
         }
     }
 
-    pub(crate) fn entry(&self, key: &str) -> Option<&Entry> {
+    /// The entry of a map with this key.
+    pub fn entry(&self, key: &str) -> Option<&Entry> {
         self.entries().iter().find(|entry| entry.key == key)
     }
 
-    pub(crate) fn get(&self, key: &str) -> Option<&Arc<Self>> {
+    /// The value of a map at this key.
+    pub fn get(&self, key: &str) -> Option<&Arc<Self>> {
         self.entry(key).map(|entry| &entry.value)
     }
 
@@ -87,14 +105,16 @@ impl Node {
         self.written.as_ref().filter(|written| written.has_variable).map(|written| written.text.as_str())
     }
 
-    pub(crate) fn text(&self) -> Option<&str> {
+    /// The text, if it is one.
+    pub fn text(&self) -> Option<&str> {
         match &self.value {
             Tree::Text(text) => Some(text),
             _ => None,
         }
     }
 
-    pub(crate) fn scalar_text(&self) -> Option<String> {
+    /// A text, number or truth value as text.
+    pub fn scalar_text(&self) -> Option<String> {
         match &self.value {
             Tree::Text(text) => Some(text.clone()),
             Tree::Number(number) => Some(number.to_string()),
@@ -112,7 +132,7 @@ impl Node {
     }
 
     /// With the environment substituted.
-    pub(crate) fn to_json(&self) -> Json {
+    pub fn to_json(&self) -> Json {
         match &self.value {
             Tree::Null => Json::Null,
             Tree::Bool(bool) => Json::Bool(*bool),

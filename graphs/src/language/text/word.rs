@@ -2,8 +2,11 @@
 
 use super::source_file::Place;
 
+/// A word, and where it is written.
 #[derive(Clone, Debug)]
-pub(crate) struct Word {
-    pub(crate) text: String,
-    pub(crate) place: Place,
+pub struct Word {
+    /// The word.
+    pub text: String,
+    /// Where it is written.
+    pub place: Place,
 }
