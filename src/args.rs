@@ -84,7 +84,7 @@ pub(crate) enum Colour {
 
 /// The commands that `depthloom --help` lists, by workflow; a test compares them with the grammar.
 pub(crate) const GROUPS: [(&str, &[&str]); 6] = [
-    ("Author", &["new", "check", "plan", "graph", "nodes", "schema"]),
+    ("Author", &["new", "check", "plan", "graph", "nodes", "schema", "lsp"]),
     ("Data", &["inspect", "synth"]),
     ("Run", &["run", "evaluate", "dora"]),
     ("Results", &["report", "table", "compare", "explain", "analyse", "figure", "export"]),
@@ -111,6 +111,11 @@ pub(crate) enum Command {
     Graph(GraphArgs),
     /// List or explain kinds of nodes and sources.
     Nodes(NodesArgs),
+    /// Serve an editor with the language server protocol.
+    ///
+    /// It speaks over the standard streams: diagnostics, completion, hover, definitions and renaming in experiment
+    /// files. It runs nothing and starts no program.
+    Lsp(LspArgs),
     /// Print JSON Schemas for editors and programs.
     ///
     /// It prints the schema of experiment files, or, with `--of`, of what a command prints with `--json`.
@@ -226,6 +231,17 @@ pub(crate) struct NodesArgs {
 
     #[command(flatten)]
     pub output: JsonArgs,
+}
+
+#[derive(Debug, Args)]
+#[command(after_long_help = examples![
+    guide: "how-to/editor.md",
+    "lsp < /dev/null || true" => "an editor starts it; without an editor it ends at once",
+])]
+pub(crate) struct LspArgs {
+    /// Use the standard streams: always so; some editors add this option.
+    #[arg(long)]
+    pub stdio: bool,
 }
 
 #[derive(Debug, Args)]

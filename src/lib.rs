@@ -121,6 +121,7 @@ fn program(registry: &Registry, as_json: bool) -> Result<ExitCode, CliError> {
         Command::Inspect(args) => commands::inspect::inspect(&args, registry),
         Command::Plan(args) => commands::experiments::plan::plan(&args, registry),
         Command::Graph(args) => commands::experiments::graph::graph(&args, registry),
+        Command::Lsp(_) => commands::experiments::lsp::lsp(registry),
         Command::Report(args) => commands::analysis::report::report(&args),
         Command::Table(args) => commands::analysis::table::table(&args),
         Command::Compare(args) => commands::analysis::compare::compare(&args),

@@ -16,7 +16,7 @@ pub(crate) use check::params::changed_since;
 pub use check::reference::Reference;
 pub use check::schema::schema;
 pub(crate) use check::schema_check::range_text;
-pub use check::with_schema::property;
+pub use check::with_schema::{item, property};
 pub(crate) use check::with_schema::{alternatives, has_type, is_operational};
 pub use document::Document;
 pub use load::{Environment, Loaded, Options, load};

@@ -1,11 +1,12 @@
 //! `depthloom plan` and `depthloom graph`: what would be run, as a list and as a drawing.
 
-use depthloom_graphs::plan::{NodeId, NodeRef, RunId};
 use std::fmt::Write as _;
+use std::path::{Path, PathBuf};
 
 use depthloom_graphs::Registry;
 use depthloom_graphs::contracts::{Contract, InlineHost};
 use depthloom_graphs::language::Loaded;
+use depthloom_graphs::plan::{NodeId, NodeRef, Plan, RunId};
 use depthloom_graphs::ready::Ready;
 use depthloom_recording::{RecordedPlan, node_pairs};
 use depthloom_runner::Foreseen;
@@ -32,14 +33,14 @@ pub(crate) struct PlanReuse {
 /// How often a node would run.
 #[derive(JsonSchema, Serialize)]
 pub(crate) struct ReusedNode {
-    stage: String,
-    node: String,
+    pub(crate) stage: String,
+    pub(crate) node: String,
     /// Those that use it; none where all do.
-    variants: Vec<String>,
-    runs: u64,
-    taken: u64,
+    pub(crate) variants: Vec<String>,
+    pub(crate) runs: u64,
+    pub(crate) taken: u64,
     /// Why it runs.
-    why: Option<String>,
+    pub(crate) why: Option<String>,
 }
 
 /// Prints every node of the plan, the variants that share it, and its node hash.
@@ -60,13 +61,69 @@ pub(crate) fn plan(args: &PlanArgs, registry: &Registry) -> Result<ExitCode, Cli
 /// Prints which nodes would run, what would be reused from earlier runs, and why not all.
 fn reuse(args: &PlanArgs, loaded: Loaded, registry: &Registry) -> Result<ExitCode, CliError> {
     allow_exec::decide(args.exec, Some((&args.experiment.experiment, &loaded)))?;
-    let ready = Ready::new(loaded.plan, registry).map_err(|missing| CliError::of_missing(&missing))?;
-    let plan = ready.plan.clone();
-    let earlier = reuse::beside(args.out.as_deref(), &args.folder.path(), &plan);
-    let warnings = reuse::unreadable(&earlier);
+    let forecast = forecast(loaded.plan, registry, args.out.as_deref(), &args.folder.path())?;
     if !args.output.json {
-        warnings.iter().for_each(|warning| print_warning(warning));
+        forecast.warnings.iter().for_each(|warning| print_warning(warning));
     }
+    if args.output.json {
+        let nodes = forecast.nodes.into_iter().map(|node| node.reused).collect();
+        let nearest = forecast.nearest.map(|path| path.to_string_lossy().into_owned());
+        output::print(&PlanReuse { nearest, nodes, warnings: forecast.warnings })?;
+        return Ok(ExitCode::Success);
+    }
+    let mut stages = String::new();
+    for run in forecast.nodes.chunk_by(|before, after| before.prefix == after.prefix) {
+        let line = |node: &ForecastNode| {
+            let ReusedNode { node: name, variants, runs, taken, why, .. } = &node.reused;
+            let does = match (runs, taken) {
+                (0, 0) => "not needed".to_owned(),
+                (0, _) => "taken".to_owned(),
+                (_, 0) => "runs".to_owned(),
+                _ => format!("taken {taken} of {} times", runs + taken),
+            };
+            [name.clone(), variants.join(", "), does, why.clone().unwrap_or_default()]
+        };
+        let lines: Vec<_> = run.iter().map(line).collect();
+        let prefix = run.first().map(|node| node.prefix.trim_start_matches('/')).unwrap_or_default();
+        let _ = write!(stages, "\nstage {prefix}\n{}", aligned(&lines, &[]));
+    }
+    let head = forecast.nearest.map_or_else(
+        || "no earlier run has anything of this experiment".to_owned(),
+        |path| format!("against {}", path.display()),
+    );
+    print(format!("{head}\n{stages}"))?;
+    Ok(ExitCode::Success)
+}
+
+/// What a run would reuse.
+pub(crate) struct Forecast {
+    /// The run that is nearest.
+    nearest: Option<PathBuf>,
+    pub(crate) nodes: Vec<ForecastNode>,
+    warnings: Vec<String>,
+}
+
+/// A node of a stage run.
+pub(crate) struct ForecastNode {
+    /// The prefix of the topics of its stage run.
+    prefix: String,
+    pub(crate) reused: ReusedNode,
+}
+
+/// Determines what a run would reuse of the runs in `runs` and beside `out`. It opens the sources.
+///
+/// # Errors
+/// What is missing on this machine.
+pub(crate) fn forecast(
+    plan: Plan,
+    registry: &Registry,
+    out: Option<&Path>,
+    runs: &Path,
+) -> Result<Forecast, CliError> {
+    let ready = Ready::new(plan, registry).map_err(|missing| CliError::of_missing(&missing))?;
+    let plan = ready.plan.clone();
+    let earlier = reuse::beside(out, runs, &plan);
+    let warnings = reuse::unreadable(&earlier);
     let foreseen = depthloom_runner::foresee(&ready, &earlier, &InlineHost)
         .map_err(|what| CliError::new(ExitCode::Engine, format!("failed to determine what would be reused: {what}")))?;
     let nearest = earlier.nearest(&plan);
@@ -79,43 +136,25 @@ fn reuse(args: &PlanArgs, loaded: Loaded, registry: &Registry) -> Result<ExitCod
             (Some(_), differences) => Some(differences.iter().map(ToString::to_string).collect::<Vec<_>>().join("; ")),
         }
     };
-    let (mut rows, mut stages) = (Vec::new(), String::new());
+    let mut nodes = Vec::new();
     for (run, (planned, foreseen_nodes)) in RunId::enumerate(plan.runs.iter().zip(&foreseen)) {
-        let mut lines = Vec::new();
         for (node, (planned, foreseen)) in NodeId::enumerate(planned.nodes.iter().zip(foreseen_nodes)) {
             let Foreseen { fires, taken, .. } = *foreseen;
-            let does = match (fires, taken) {
-                (0, 0) => "not needed".to_owned(),
-                (0, _) => "taken".to_owned(),
-                (_, 0) => "runs".to_owned(),
-                _ => format!("taken {taken} of {} times", fires + taken),
-            };
             let why = if fires > 0 { why(NodeRef { run, node }, *foreseen) } else { None };
             let variants = planned.variant_names(&plan);
-            rows.push(ReusedNode {
+            let reused = ReusedNode {
                 stage: plan.runs[run].stage.clone(),
                 node: planned.name.clone(),
                 variants: variants.iter().map(|&name| name.to_owned()).collect(),
                 runs: fires,
                 taken,
-                why: why.clone(),
-            });
-            lines.push([planned.name.clone(), variants.join(", "), does, why.unwrap_or_default()]);
+                why,
+            };
+            nodes.push(ForecastNode { prefix: plan.runs[run].prefix.clone(), reused });
         }
-        let _ = write!(stages, "\nstage {}\n{}", planned.prefix.trim_start_matches('/'), aligned(&lines, &[]));
     }
-    let nearest = nearest.map(|(path, _)| path.parent().unwrap_or(path));
-    if args.output.json {
-        let nearest = nearest.map(|path| path.to_string_lossy().into_owned());
-        output::print(&PlanReuse { nearest, nodes: rows, warnings })?;
-    } else {
-        let head = nearest.map_or_else(
-            || "no earlier run has anything of this experiment".to_owned(),
-            |path| format!("against {}", path.display()),
-        );
-        print(format!("{head}\n{stages}"))?;
-    }
-    Ok(ExitCode::Success)
+    let nearest = nearest.map(|(path, _)| path.parent().unwrap_or(path).to_owned());
+    Ok(Forecast { nearest, nodes, warnings })
 }
 
 /// Why a node runs that is equal to one of an earlier run.

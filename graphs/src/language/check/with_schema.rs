@@ -126,6 +126,11 @@ pub fn property<'s>(schema: &'s Json, key: &str) -> Option<&'s Json> {
     part(schema, &|s| s.get("properties")?.get(key)).or_else(|| part(schema, &|s| s.get("additionalProperties")))
 }
 
+/// The schema of the items of a list, also of one of the alternatives.
+pub fn item(schema: &Json) -> Option<&Json> {
+    part(schema, &|s| s.get("items"))
+}
+
 pub(crate) fn alternatives(schema: &Json) -> impl Iterator<Item = &Json> {
     ["anyOf", "oneOf"].into_iter().filter_map(|key| schema.get(key)?.as_array()).flatten()
 }
