@@ -236,7 +236,7 @@ pub(crate) struct NodesArgs {
 #[derive(Debug, Args)]
 #[command(after_long_help = examples![
     guide: "how-to/editor.md",
-    "lsp < /dev/null || true" => "an editor starts it; without an editor it ends at once",
+    "lsp" => "an editor starts it; on a terminal it waits for one",
 ])]
 pub(crate) struct LspArgs {
     /// Use the standard streams: always so; some editors add this option.

@@ -31,6 +31,7 @@ mod help;
 mod killed;
 mod learning;
 mod looking;
+mod lsp;
 mod networks;
 mod outputs;
 mod packaging;

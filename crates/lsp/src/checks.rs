@@ -10,7 +10,6 @@ use depthloom_graphs::language::{self, Diagnostics, Loaded, Options, Place, Seve
 use depthloom_threads::{caught, locked};
 use gen_lsp_types::{
     Diagnostic, DiagnosticRelatedInformation, DiagnosticSeverity, Location, Message as Text, PublishDiagnosticsParams,
-
 };
 use lsp_server::{Message, Notification};
 
@@ -140,4 +139,3 @@ fn location(documents: &Documents, place: &Place) -> Location {
     let uri = documents.uri(Path::new(&place.file.name));
     Location { uri, range: positions::range(&place.file.text, &place.span) }
 }
-

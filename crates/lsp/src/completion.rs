@@ -105,7 +105,9 @@ fn candidates(view: &View<'_>, cursor: &Cursor) -> Vec<Candidate> {
 fn source(view: &View<'_>, keys: &[&str], is_key: bool) -> Vec<Candidate> {
     match (keys, is_key) {
         ([_], true) => keys::of_definition(view, "source"),
-        ([_, "concat", ITEM], true) => keys::of_definition(view, "node").into_iter().filter(|key| key.word != "inputs").collect(),
+        ([_, "concat", ITEM], true) => {
+            keys::of_definition(view, "node").into_iter().filter(|key| key.word != "inputs").collect()
+        }
         ([_, "kind"] | [_, "concat", ITEM, "kind"], false) => keys::source_kinds(view),
         ([name, "with", path @ ..], is_key) => {
             let schema = view.source(name).and_then(|source| view.parameters_of(source));
@@ -130,9 +132,9 @@ pub(crate) fn in_stage(view: &View<'_>, stage: &str, keys: &[&str], is_key: bool
     match (keys, is_key) {
         ([], true) if !stage.is_empty() => keys::of_definition(view, "stage"),
         (["source"], false) => sources(view),
-        (["nodes"], true) => vec![
-            Candidate::new("graph", CompletionItemKind::Keyword).detail("file with nodes, relative to this file"),
-        ],
+        (["nodes"], true) => {
+            vec![Candidate::new("graph", CompletionItemKind::Keyword).detail("file with nodes, relative to this file")]
+        }
         (["nodes", "graph"], false) => files(view),
         (["nodes", _], true) => keys::of_definition(view, "node"),
         (["nodes", _, "kind"], false) => keys::node_kinds(view),
@@ -158,7 +160,9 @@ fn score_parameters(view: &View<'_>, path: &[&str], is_key: bool) -> Vec<Candida
     let mut found: Vec<Candidate> = Vec::new();
     for kind in ["score/depth", "score/disparity"] {
         let more = view.registry.node_kind(kind).map(|kind| parameters(&kind.schema, path, is_key)).unwrap_or_default();
-        found.extend(more.into_iter().filter(|new| !found.iter().any(|known| known.word == new.word)).collect::<Vec<_>>());
+        found.extend(
+            more.into_iter().filter(|new| !found.iter().any(|known| known.word == new.word)).collect::<Vec<_>>(),
+        );
     }
     found
 }
@@ -206,7 +210,7 @@ pub(crate) fn values(schema: &Json) -> Vec<Candidate> {
         push("true".to_owned(), "", CompletionItemKind::Value);
         push("false".to_owned(), "", CompletionItemKind::Value);
     }
-    if let Some(default) = default.filter(|default| !default.is_null() && plain(default) != "") {
+    if let Some(default) = default.filter(|default| !default.is_null() && !plain(default).is_empty()) {
         push(plain(default), "", CompletionItemKind::Value);
     }
     if has(schema, "format", "frames") {

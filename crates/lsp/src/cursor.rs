@@ -153,7 +153,8 @@ impl Scanner {
                     }
                 }
                 ':' if in_flow && matches!(after, ' ' | ',' | '}' | ']' | '{' | '[') => {
-                    let key = self.word.take().map(|(start, quote)| line[start..at].trim_end_matches(|c| Some(c) == quote));
+                    let key =
+                        self.word.take().map(|(start, quote)| line[start..at].trim_end_matches(|c| Some(c) == quote));
                     if let Some(Flow::Map(slot @ None)) = self.flows.last_mut() {
                         *slot = Some(key.unwrap_or_default().trim_end().to_owned());
                     }
@@ -267,6 +268,22 @@ mod tests {
         assert_eq!(at("# x|"), None);
         assert_eq!(at("a: >\n  words and w|"), None);
         assert_eq!(at("a: >\n  words\nb: |"), value("b", ""));
+    }
+
+    #[test]
+    fn every_place_of_every_text_has_a_cursor_within_the_text() {
+        let text = include_str!("../../../experiments/table1.yaml");
+        for (offset, removed) in text.char_indices().skip(900).step_by(7) {
+            let mut other = text.to_owned();
+            other.remove(offset);
+            for text in [text, &text[..offset], &other, &text.replace(removed, "ä")] {
+                for at in [offset, offset + 1, offset + 40, text.len()] {
+                    let Some(found) = super::cursor(text, at) else { continue };
+                    assert!(text.get(found.word.clone()).is_some(), "{:?} at {at}", found.word);
+                    assert!(found.word.start <= at.min(text.len()), "{:?} at {at}", found.word);
+                }
+            }
+        }
     }
 
     #[test]

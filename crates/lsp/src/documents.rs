@@ -87,9 +87,17 @@ mod tests {
         let at = |line, character| Position { line, character };
         let partial = |start, end, text: &str| {
             let (range, text) = (Range { start, end }, text.to_owned());
-            Change::TextDocumentContentChangePartial(TextDocumentContentChangePartial { range, text, ..Default::default() })
+            Change::TextDocumentContentChangePartial(TextDocumentContentChangePartial {
+                range,
+                text,
+                ..Default::default()
+            })
         };
-        let changes = vec![partial(at(0, 4), at(0, 6), "x"), partial(at(0, 5), at(0, 5), "y\n"), partial(at(2, 3), at(2, 4), "3")];
+        let changes = vec![
+            partial(at(0, 4), at(0, 6), "x"),
+            partial(at(0, 5), at(0, 5), "y\n"),
+            partial(at(2, 3), at(2, 4), "3"),
+        ];
         documents.change(&uri, 2, changes);
         let document = documents.get(&uris::path(&uri)).expect("it is open");
         assert_eq!((document.text.as_str(), document.version), ("a: äxy\n\nb: 3\n", 2));

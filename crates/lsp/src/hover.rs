@@ -15,6 +15,9 @@ use crate::view::{View, names};
 /// Values longer than this are abbreviated.
 const LONGEST: usize = 200;
 
+/// More variants are counted.
+const MOST_VARIANTS: usize = 12;
+
 /// The documentation of what is at a cursor, in Markdown, and the node whose reuse belongs to it.
 pub(crate) fn text(view: &View<'_>, cursor: &Cursor, offset: usize) -> Option<(String, Option<Symbol>)> {
     let symbol = symbols::at(view, offset).map(|occurrence| occurrence.symbol);
@@ -34,7 +37,8 @@ pub(crate) fn text(view: &View<'_>, cursor: &Cursor, offset: usize) -> Option<(S
 fn of_symbol(view: &View<'_>, symbol: &Symbol) -> Option<String> {
     let keys = symbol.keys();
     let entry = keys.iter().try_fold(view.root()?, |node, key| node.get(key))?;
-    let file = view.definition(&keys).filter(|place| Some(&place.file) != view.document.files.first().map(|(file, _)| file));
+    let file =
+        view.definition(&keys).filter(|place| Some(&place.file) != view.document.files.first().map(|(file, _)| file));
     let from = file.map(|place| format!("\n\nDefined in {place}.")).unwrap_or_default();
     let name = symbol.name();
     let text = match symbol {
@@ -117,7 +121,12 @@ fn in_place(view: &View<'_>, keys: &[&str], word: &str, is_key: bool) -> Option<
             let mut text = parameter(schema, path, word, is_key)?;
             let own = view.node(stage, node)?.get("with");
             let default = || schema_at(schema, path)?.get("default").cloned();
-            text.push_str(&resolved(path, own, default, view.loaded.as_ref().map(|loaded| planned_nodes(&loaded.plan, stage, node))));
+            text.push_str(&resolved(
+                path,
+                own,
+                default,
+                view.loaded.as_ref().map(|loaded| planned_nodes(&loaded.plan, stage, node)),
+            ));
             Some(text)
         }
         ["sources", name, "with", path @ ..] if !path.is_empty() => {
@@ -214,14 +223,26 @@ fn resolved(
         },
         [(value, _)] => format!("\n\nResolved value: `{}`{origin}", short(value)),
         several => {
-            let line = |(value, variants): &(Json, Vec<String>)| format!("\n- `{}`: {}", short(value), variants.join(", "));
+            let line = |(value, variants): &(Json, Vec<String>)| {
+                let more = variants.len().saturating_sub(MOST_VARIANTS);
+                let more = if more > 0 { format!(" and {more} more") } else { String::new() };
+                let first: Vec<&str> = variants.iter().take(MOST_VARIANTS).map(String::as_str).collect();
+                format!("\n- `{}`: {}{more}", short(value), first.join(", "))
+            };
             format!("\n\nResolved values by variant:\n{}", several.iter().map(line).collect::<String>())
         }
     }
 }
 
 fn short(value: &Json) -> String {
-    let text = value.as_str().map_or_else(|| value.to_string(), ToOwned::to_owned);
+    let text = match value {
+        Json::String(text) => text.clone(),
+        // `80`, not `80.0`.
+        Json::Number(number) => {
+            number.as_f64().filter(|_| number.is_f64()).map_or(number.to_string(), |n| n.to_string())
+        }
+        other => other.to_string(),
+    };
     match text.char_indices().nth(LONGEST) {
         Some((end, _)) => format!("{}...", &text[..end]),
         None => text,

@@ -19,5 +19,5 @@ mod transport;
 mod uris;
 mod view;
 
-pub use reuse::{ReusedNode, Reuse};
+pub use reuse::{Reuse, ReusedNode};
 pub use server::serve;

@@ -53,7 +53,11 @@ pub(crate) fn rename(view: &View<'_>, offset: usize, new_name: &str, uri: Uri) -
         Some(names(map))
     });
     if siblings.is_some_and(|siblings| siblings.contains(&new_name)) {
-        return Err(format!("cannot rename `{}` to `{new_name}`: {} of that name exists", symbol.name(), symbol.describe()));
+        return Err(format!(
+            "cannot rename `{}` to `{new_name}`: {} of that name exists",
+            symbol.name(),
+            symbol.describe()
+        ));
     }
     let uses = symbols::occurrences(view).into_iter().filter(|found| found.symbol == symbol && !found.is_alias);
     let mut edits = Vec::new();

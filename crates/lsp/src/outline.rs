@@ -25,7 +25,8 @@ fn section(text: &str, entry: &Entry) -> Option<DocumentSymbol> {
 }
 
 fn of_stage(text: &str, stage: &Entry) -> DocumentSymbol {
-    let mut children = stage.value.entry("nodes").map(|nodes| named(text, nodes, SymbolKind::Function)).unwrap_or_default();
+    let mut children =
+        stage.value.entry("nodes").map(|nodes| named(text, nodes, SymbolKind::Function)).unwrap_or_default();
     let estimates = stage.value.get("score").and_then(|score| score.entry("estimates"));
     children.extend(estimates.into_iter().flat_map(|estimates| named(text, estimates, SymbolKind::Number)));
     symbol(text, stage, SymbolKind::Class, children)

@@ -7,9 +7,8 @@ use gen_lsp_types::{Position, Range};
 /// The offsets at which lines begin. Lines end with `\n`, `\r\n` or `\r`.
 fn line_starts(text: &str) -> impl Iterator<Item = usize> {
     let bytes = text.as_bytes();
-    let ends = (0..bytes.len()).filter(move |&at| {
-        bytes[at] == b'\n' || (bytes[at] == b'\r' && bytes.get(at + 1) != Some(&b'\n'))
-    });
+    let ends = (0..bytes.len())
+        .filter(move |&at| bytes[at] == b'\n' || (bytes[at] == b'\r' && bytes.get(at + 1) != Some(&b'\n')));
     std::iter::once(0).chain(ends.map(|at| at + 1))
 }
 
@@ -63,7 +62,8 @@ mod tests {
         // `ä` has 2 bytes and 1 unit, `𝄞` 4 bytes and 2 units.
         let text = "a: ä𝄞b\r\nc: d\n";
         let at = |line, character| Position { line, character };
-        for (bytes, line, character) in [(0, 0, 0), (3, 0, 3), (5, 0, 4), (9, 0, 6), (10, 0, 7), (12, 1, 0), (17, 2, 0)] {
+        for (bytes, line, character) in [(0, 0, 0), (3, 0, 3), (5, 0, 4), (9, 0, 6), (10, 0, 7), (12, 1, 0), (17, 2, 0)]
+        {
             assert_eq!(position(text, bytes), at(line, character), "byte {bytes}");
             assert_eq!(offset(text, at(line, character)), bytes, "{line}:{character}");
         }

@@ -13,12 +13,12 @@ use gen_lsp_types::{
     DocumentHighlightParams, DocumentHighlightProvider, DocumentSymbolParams, DocumentSymbolProvider, Hover,
     HoverParams, HoverProvider, InitializeResult, LogMessageParams, MarkupContent, MarkupKind, MessageType,
     PositionEncodingKind, PrepareRenameParams, ReferenceParams, ReferencesProvider, RenameOptions, RenameParams,
-    RenameProvider, ServerCapabilities, ServerInfo, TextDocumentPositionParams, TextDocumentSync,
-    TextDocumentSyncKind, TextDocumentSyncOptions, Uri,
+    RenameProvider, ServerCapabilities, ServerInfo, TextDocumentPositionParams, TextDocumentSync, TextDocumentSyncKind,
+    TextDocumentSyncOptions, Uri,
 };
 use lsp_server::{ErrorCode, Message, Notification, Request, Response};
-use serde::de::DeserializeOwned;
 use serde::Serialize;
+use serde::de::DeserializeOwned;
 use serde_json::Value as Json;
 
 use crate::checks::{self, Results};
@@ -35,7 +35,8 @@ use crate::uris;
 use crate::view::{self, View};
 use crate::{hover, symbols};
 
-/// Serves one client until it says `exit` or closes its stream. Returns whether it said `shutdown` before.
+/// Serves one client until it says `exit` or closes its stream. Returns whether it said `shutdown` before, or never
+/// began.
 ///
 /// `reuse` is called on a hover over a node. If it is still busy at the end, the process ends with it.
 pub fn serve(
@@ -49,7 +50,7 @@ pub fn serve(
     let (client, outgoing) = unbounded();
     let (states, changed) = unbounded();
     let (lookups, worker) = reuse::lookups();
-    // It waits for the client, maybe for ever, so nothing waits for it.
+    // It may wait for the client without end, so the server does not wait for it.
     std::thread::spawn(move || receive(input, &incoming_sender));
     std::thread::scope(|scope| {
         let writer = scope.spawn(move || send(&outgoing, output));
@@ -67,10 +68,10 @@ pub fn serve(
             phase: Phase::New,
         };
         server.run(&incoming);
-        let (is_orderly, is_busy) = (server.phase == Phase::ShutDown, server.lookups.is_busy());
+        let (is_orderly, is_busy) = (server.phase != Phase::Ready, server.lookups.is_busy());
         drop(server);
         if is_busy {
-            // Opening sources may take long, and nobody needs the result.
+            // Opening sources may take long, and the result is not needed.
             std::process::exit(i32::from(!is_orderly));
         }
         // Only once all senders are gone: also the thread that checks.
@@ -225,9 +226,13 @@ impl Server<'_> {
                 self.phase = Phase::ShutDown;
                 Ok(Json::Null)
             }
-            "textDocument/completion" => self.complete(&parsed::<CompletionParams>(params)?.text_document_position_params),
+            "textDocument/completion" => {
+                self.complete(&parsed::<CompletionParams>(params)?.text_document_position_params)
+            }
             "textDocument/hover" => self.hover(&parsed::<HoverParams>(params)?.text_document_position_params),
-            "textDocument/definition" => self.define(&parsed::<DefinitionParams>(params)?.text_document_position_params),
+            "textDocument/definition" => {
+                self.define(&parsed::<DefinitionParams>(params)?.text_document_position_params)
+            }
             "textDocument/references" => {
                 let place = parsed::<ReferenceParams>(params)?.text_document_position_params;
                 let uri = place.text_document.uri.clone();
@@ -285,7 +290,8 @@ impl Server<'_> {
     fn view_at<'v>(&'v self, place: &TextDocumentPositionParams) -> Result<(View<'v>, usize), Failure> {
         let (path, texts) = self.texts(&place.text_document.uri)?;
         let document = view::read(&path, &texts);
-        let (path, open) = self.documents.entry(&path).ok_or_else(|| Failure::new(ErrorCode::InvalidParams, "not open"))?;
+        let (path, open) =
+            self.documents.entry(&path).ok_or_else(|| Failure::new(ErrorCode::InvalidParams, "not open"))?;
         let offset = positions::offset(&open.text, place.position);
         Ok((self.view(path, document)?, offset))
     }
@@ -296,7 +302,8 @@ impl Server<'_> {
         place: &TextDocumentPositionParams,
     ) -> Result<Option<(View<'v>, Cursor, usize)>, Failure> {
         let (path, texts) = self.texts(&place.text_document.uri)?;
-        let (path, open) = self.documents.entry(&path).ok_or_else(|| Failure::new(ErrorCode::InvalidParams, "not open"))?;
+        let (path, open) =
+            self.documents.entry(&path).ok_or_else(|| Failure::new(ErrorCode::InvalidParams, "not open"))?;
         let offset = positions::offset(&open.text, place.position);
         let Some(cursor) = cursor(&open.text, offset) else { return Ok(None) };
         let last_good = locked(&self.results.readable).get(path).cloned();
@@ -358,6 +365,12 @@ fn initialized() -> InitializeResult {
             })),
             ..ServerCapabilities::default()
         },
-        server_info: Some(ServerInfo { name: "depthloom".to_owned(), version: Some(env!("CARGO_PKG_VERSION").to_owned()) }),
+        server_info: Some(ServerInfo {
+            name: "depthloom".to_owned(),
+            version: Some(env!("CARGO_PKG_VERSION").to_owned()),
+        }),
     }
 }
+
+#[cfg(test)]
+mod tests;

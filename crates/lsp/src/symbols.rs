@@ -218,7 +218,9 @@ impl Collector<'_, '_> {
     fn matrix(&mut self, matrix: &Node) {
         for entry in matrix.entries() {
             match (entry.key.as_str(), &entry.value.value) {
-                ("include" | "exclude", Tree::List(choices)) => choices.iter().for_each(|choice| self.condition(choice)),
+                ("include" | "exclude", Tree::List(choices)) => {
+                    choices.iter().for_each(|choice| self.condition(choice));
+                }
                 ("sample", _) => {}
                 _ => self.axis(entry),
             }
@@ -257,13 +259,7 @@ impl Collector<'_, '_> {
     /// Paths and axes with their values: of `when`, `include` and `exclude`.
     fn condition(&mut self, condition: &Node) {
         for entry in condition.entries() {
-            if entry.key == "variant" {
-                for name in scalars(&entry.value) {
-                    self.selected(name);
-                }
-            } else {
-                self.path(&entry.key, &entry.key_place);
-            }
+            self.path(&entry.key, &entry.key_place);
         }
     }
 
@@ -311,8 +307,9 @@ impl Collector<'_, '_> {
         }
         let stages = self.view.root().and_then(|root| root.get("stages"));
         let has_it = |stage: &&Entry| stage.value.get("nodes").is_some_and(|nodes| nodes.get(&first).is_some());
-        let stages: Vec<&str> =
-            stages.map(|stages| stages.entries().iter().filter(has_it).map(|stage| stage.key.as_str()).collect()).unwrap_or_default();
+        let stages: Vec<&str> = stages
+            .map(|stages| stages.entries().iter().filter(has_it).map(|stage| stage.key.as_str()).collect())
+            .unwrap_or_default();
         if let [stage] = stages.as_slice() {
             let stage = (*stage).to_owned();
             self.push(Symbol::Node { stage, node: first }, place);

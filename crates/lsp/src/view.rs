@@ -129,7 +129,11 @@ impl View<'_> {
     }
 
     /// The key of this name in one of the files, where the value with this anchor is written.
-    fn key_place(&self, name: &str, anchor: &depthloom_graphs::language::Place) -> Option<depthloom_graphs::language::Place> {
+    fn key_place(
+        &self,
+        name: &str,
+        anchor: &depthloom_graphs::language::Place,
+    ) -> Option<depthloom_graphs::language::Place> {
         let around = self.document.keys_around(anchor);
         around.into_iter().rfind(|(key, _)| key == name).map(|(_, place)| place)
     }

@@ -2,7 +2,12 @@
 
 import { homedir } from "node:os";
 import * as vscode from "vscode";
-import { LanguageClient, type LanguageClientOptions, type ServerOptions } from "vscode-languageclient/node";
+import {
+  DidOpenTextDocumentNotification,
+  LanguageClient,
+  type LanguageClientOptions,
+  type ServerOptions,
+} from "vscode-languageclient/node";
 import { isExperiment, programOf } from "./recognition";
 
 let client: LanguageClient | undefined;
@@ -13,7 +18,7 @@ export function activate(context: vscode.ExtensionContext): void {
   context.subscriptions.push(
     vscode.commands.registerCommand("depthloom.restart", () => inTurn(restart)),
     vscode.workspace.onDidOpenTextDocument(startFor),
-    vscode.workspace.onDidSaveTextDocument(startFor),
+    vscode.workspace.onDidChangeTextDocument((event) => startFor(event.document)),
     vscode.workspace.onDidChangeConfiguration((event) => {
       if (client !== undefined && event.affectsConfiguration("depthloom")) {
         void inTurn(restart);
@@ -86,6 +91,11 @@ async function start(): Promise<void> {
         const uri = event.document.uri.toString();
         if (served.has(uri)) {
           await next(event);
+        } else if (isServed(event.document)) {
+          // It has just become an experiment.
+          served.add(uri);
+          const opened = starting.code2ProtocolConverter.asOpenTextDocumentParams(event.document);
+          await starting.sendNotification(DidOpenTextDocumentNotification.type, opened);
         }
       },
       didSave: async (document, next) => {

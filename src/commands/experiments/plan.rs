@@ -114,12 +114,7 @@ pub(crate) struct ForecastNode {
 ///
 /// # Errors
 /// What is missing on this machine.
-pub(crate) fn forecast(
-    plan: Plan,
-    registry: &Registry,
-    out: Option<&Path>,
-    runs: &Path,
-) -> Result<Forecast, CliError> {
+pub(crate) fn forecast(plan: Plan, registry: &Registry, out: Option<&Path>, runs: &Path) -> Result<Forecast, CliError> {
     let ready = Ready::new(plan, registry).map_err(|missing| CliError::of_missing(&missing))?;
     let plan = ready.plan.clone();
     let earlier = reuse::beside(out, runs, &plan);

@@ -3,7 +3,7 @@
 use depthloom_graphs::language::{Node, Tree};
 use gen_lsp_types::CompletionItemKind;
 
-use super::{Candidate, in_stage, keys, parameters, references, sources, values, variants};
+use super::{Candidate, in_stage, keys, parameters, references, sources, values};
 use crate::cursor::ITEM;
 use crate::view::{View, names};
 
@@ -25,7 +25,11 @@ pub(super) fn paths(view: &View<'_>) -> Vec<Candidate> {
         found.push(Candidate::new(format!("{stage}.source"), CompletionItemKind::Property).rank(2));
         if view.stage(stage).is_some_and(|stage| stage.get("score").is_some()) {
             let keys = keys::of_score(view, false);
-            found.extend(keys.into_iter().map(|key| Candidate { word: format!("{stage}.score.{}", key.word), rank: 2, ..key }));
+            found.extend(keys.into_iter().map(|key| Candidate {
+                word: format!("{stage}.score.{}", key.word),
+                rank: 2,
+                ..key
+            }));
         }
     }
     for source_name in names(view.root().and_then(|root| root.get("sources"))) {
@@ -66,8 +70,13 @@ pub(super) fn value(view: &View<'_>, path: &str, below: &[&str], is_key: bool) -
 pub(super) fn matrix(view: &View<'_>, keys: &[&str], is_key: bool) -> Vec<Candidate> {
     match (keys, is_key) {
         ([], true) => {
-            let own = [("include", "Further combinations."), ("exclude", "Combinations left out."), ("sample", "Some of all combinations.")];
-            let own = own.map(|(key, text)| Candidate::new(key, CompletionItemKind::Keyword).documentation(text).rank(4));
+            let own = [
+                ("include", "Further combinations."),
+                ("exclude", "Combinations left out."),
+                ("sample", "Some of all combinations."),
+            ];
+            let own =
+                own.map(|(key, text)| Candidate::new(key, CompletionItemKind::Keyword).documentation(text).rank(4));
             paths(view).into_iter().chain(own).collect()
         }
         (["sample"], true) => keys::at(view, "/$defs/matrix/properties/sample/properties"),
@@ -81,7 +90,7 @@ pub(super) fn matrix(view: &View<'_>, keys: &[&str], is_key: bool) -> Vec<Candid
         (["include" | "exclude" | "sample", ..], _) => Vec::new(),
         ([_], true) => keys::at(view, "/$defs/matrix/additionalProperties/anyOf/1/properties"),
         ([_, "paths"], false) | ([_, "paths", ITEM], _) => paths(view),
-        ([axis] | [axis, ITEM] | [axis, "values"] | [axis, "values", ITEM], _) => axis_values(view, axis),
+        ([axis] | [axis, ITEM | "values"] | [axis, "values", ITEM], _) => axis_values(view, axis),
         ([_, "values", _], true) => paths(view),
         ([axis, "values", _], false) => axis_values(view, axis),
         ([_, "values", _, path, rest @ ..], is_key) => value(view, path, rest, is_key),
@@ -102,18 +111,11 @@ fn matrices<'v>(view: &'v View<'_>) -> Vec<&'v Node> {
 fn axes(view: &View<'_>) -> Vec<Candidate> {
     let entries = matrices(view).into_iter().flat_map(Node::entries);
     let axes = entries.filter(|entry| !matches!(entry.key.as_str(), "include" | "exclude" | "sample"));
-    let mut found: Vec<Candidate> = axes.map(|axis| Candidate::new(&axis.key, CompletionItemKind::Variable)).collect();
-    if view.root().is_some_and(|root| root.get("variants").is_some()) {
-        found.push(Candidate::new("variant", CompletionItemKind::Variable).documentation("The name under `variants`."));
-    }
-    found
+    axes.map(|axis| Candidate::new(&axis.key, CompletionItemKind::Variable)).collect()
 }
 
 /// The values of an axis: those of its path, or of the first of its paths.
 fn axis_values(view: &View<'_>, axis: &str) -> Vec<Candidate> {
-    if axis == "variant" {
-        return variants(view);
-    }
     let named = matrices(view).into_iter().find_map(|matrix| matrix.get(axis)?.get("paths").cloned());
     let path = named.and_then(|paths| match &paths.value {
         Tree::List(paths) => paths.first()?.scalar_text(),

@@ -57,7 +57,9 @@ fn outputs(view: &View<'_>, stage: &str, reader: Option<&str>, wanted: Option<Va
 pub(super) fn all_outputs(view: &View<'_>) -> Vec<Candidate> {
     let mut found = Vec::new();
     for stage in names(view.root().and_then(|root| root.get("stages"))) {
-        found.extend(view.source_ports(stage).iter().map(|port| candidate(format!("{stage}.source/{}", port.name), port)));
+        found.extend(
+            view.source_ports(stage).iter().map(|port| candidate(format!("{stage}.source/{}", port.name), port)),
+        );
         for node in nodes(view, stage) {
             let outputs = view.ports(stage, node).1;
             found.extend(outputs.iter().map(|port| candidate(format!("{stage}.{node}/{}", port.name), port)));
