@@ -18,7 +18,7 @@ pub use check::schema::schema;
 pub(crate) use check::schema_check::range_text;
 pub(crate) use check::with_schema::{alternatives, has_type, is_operational};
 pub use check::with_schema::{item, property};
-pub use document::Document;
+pub use document::{Document, parameters};
 pub use load::{Environment, Loaded, Options, load};
 pub use text::diagnostics::{Diagnostic, Diagnostics, Related, Severity};
 pub use text::glob::glob;

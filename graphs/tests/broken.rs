@@ -24,6 +24,7 @@ fn printed(path: &Path) -> String {
         matrix: pairs(&text, "# --matrix "),
         only: arguments(&text, "# --variant "),
         text: None,
+        open_texts: Vec::new(),
         env: Box::new(|name| (name == "KITTI").then(|| "/data/kitti".to_owned())),
     };
     match load(path, &toys::registry(), &options) {

@@ -9,7 +9,8 @@ use depthloom_graphs::Registry;
 use depthloom_graphs::language::{self, Diagnostics, Loaded, Options, Place, Severity};
 use depthloom_threads::{caught, locked};
 use gen_lsp_types::{
-    Diagnostic, DiagnosticRelatedInformation, DiagnosticSeverity, Location, Message as Text, PublishDiagnosticsParams,
+    Diagnostic, DiagnosticRelatedInformation, DiagnosticSeverity, Location, LogMessageParams, Message as Text,
+    MessageType, PublishDiagnosticsParams,
 };
 use lsp_server::{Message, Notification};
 
@@ -33,7 +34,15 @@ pub(crate) fn run(states: Receiver<Documents>, registry: &Registry, results: &Re
         while let Ok(newer) = states.try_recv() {
             documents = newer;
         }
-        let found = by_file(&documents, registry, results);
+        let found = match caught(|| by_file(&documents, registry, results)) {
+            Ok(found) => found,
+            Err(panic) => {
+                let message = format!("the check failed, which is an error of depthloom: {}", panic.0);
+                let params = LogMessageParams { kind: MessageType::Error, message };
+                let _ = client.send(Notification::new("window/logMessage".to_owned(), params).into());
+                continue;
+            }
+        };
         let mut now = BTreeSet::new();
         for (path, diagnostics) in &found {
             now.insert(path.clone());

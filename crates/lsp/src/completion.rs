@@ -6,7 +6,7 @@ mod references;
 
 use std::path::Path;
 
-use depthloom_graphs::language::{item, property};
+use depthloom_graphs::language::{Tree, item, property};
 use depthloom_graphs::render::{enumeration, parameter_details};
 use gen_lsp_types::{
     CompletionItem, CompletionItemKind, CompletionItemTextEdit, CompletionList, Documentation, MarkupContent,
@@ -117,7 +117,7 @@ fn source(view: &View<'_>, keys: &[&str], is_key: bool) -> Vec<Candidate> {
             // Parts of one source have the same kind, as a rule.
             let concat = view.source(name).and_then(|source| source.get("concat"));
             let part = concat.and_then(|concat| match &concat.value {
-                depthloom_graphs::language::Tree::List(parts) => parts.iter().find(|part| part.get("kind").is_some()),
+                Tree::List(parts) => parts.iter().find(|part| part.get("kind").is_some()),
                 _ => None,
             });
             let schema = part.and_then(|part| view.parameters_of(part));

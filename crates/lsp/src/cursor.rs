@@ -278,7 +278,7 @@ mod tests {
             other.remove(offset);
             for text in [text, &text[..offset], &other, &text.replace(removed, "ä")] {
                 for at in [offset, offset + 1, offset + 40, text.len()] {
-                    let Some(found) = super::cursor(text, at) else { continue };
+                    let Some(found) = cursor(text, at) else { continue };
                     assert!(text.get(found.word.clone()).is_some(), "{:?} at {at}", found.word);
                     assert!(found.word.start <= at.min(text.len()), "{:?} at {at}", found.word);
                 }

@@ -51,6 +51,10 @@ impl Documents {
         self.0.get(path).map(|document| &**document)
     }
 
+    pub(crate) fn paths(&self) -> impl Iterator<Item = &Path> {
+        self.0.keys().map(PathBuf::as_path)
+    }
+
     /// A document with its own path.
     pub(crate) fn entry(&self, path: &Path) -> Option<(&PathBuf, &Document)> {
         self.0.get_key_value(path).map(|(path, document)| (path, &**document))

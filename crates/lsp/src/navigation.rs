@@ -1,12 +1,13 @@
 //! Definitions, uses, and renaming of names.
 
 use std::collections::HashMap;
+use std::sync::Arc;
 
-use depthloom_graphs::language::{Place, check_name};
+use depthloom_graphs::language::{Node, Place, check_name};
 use gen_lsp_types::{Location, PrepareRenamePlaceholder, TextEdit, Uri, WorkspaceEdit};
 
 use crate::positions;
-use crate::symbols::{self, Symbol};
+use crate::symbols::{self, Occurrence, Symbol};
 use crate::view::{View, names};
 
 /// Where the name at an offset is defined.
@@ -32,50 +33,87 @@ pub(crate) fn location(place: &Place, uri: Uri) -> Location {
 /// # Errors
 /// Why it cannot be renamed.
 pub(crate) fn prepare_rename(view: &View<'_>, offset: usize) -> Result<PrepareRenamePlaceholder, String> {
-    let (symbol, place) = renamed(view, offset)?;
+    let (symbol, place, _) = renamed(view, offset)?;
     let range = positions::range(view.text, &place.span);
     Ok(PrepareRenamePlaceholder { range, placeholder: symbol.name().to_owned() })
 }
 
-/// Renames a stage, node, source, variant or estimate, and all its uses in the document.
+/// Renames a stage, node, source, variant or estimate, and all its uses in the document and in other open documents.
 ///
 /// # Errors
 /// Why it cannot be renamed.
-pub(crate) fn rename(view: &View<'_>, offset: usize, new_name: &str, uri: Uri) -> Result<WorkspaceEdit, String> {
-    let (symbol, _) = renamed(view, offset)?;
+pub(crate) fn rename(
+    view: &View<'_>,
+    others: &[View<'_>],
+    offset: usize,
+    new_name: &str,
+) -> Result<WorkspaceEdit, String> {
+    let (symbol, _, definition) = renamed(view, offset)?;
     if new_name == symbol.name() {
         return Ok(WorkspaceEdit::default());
     }
     check_name(new_name, symbol.describe())?;
+    let mut changes = HashMap::new();
+    let own = symbols::occurrences(view).into_iter().filter(|found| found.symbol == symbol);
+    changes.insert(view.uri.clone(), edits(view, own, &symbol, new_name)?);
+    for other in others {
+        // In an experiment that extends this document, or uses it as a graph file.
+        let is_same = |found: &Occurrence| {
+            found.symbol.describe() == symbol.describe()
+                && found.symbol.name() == symbol.name()
+                && other.definition(&found.symbol.keys()).is_some_and(|place| is_equal(&place, &definition))
+        };
+        let uses: Vec<Occurrence> = symbols::occurrences(other).into_iter().filter(is_same).collect();
+        if let Some(first) = uses.first() {
+            is_free(other, &first.symbol, new_name)?;
+            changes.insert(other.uri.clone(), edits(other, uses.into_iter(), &symbol, new_name)?);
+        }
+    }
+    is_free(view, &symbol, new_name)?;
+    Ok(WorkspaceEdit { changes: Some(changes), ..WorkspaceEdit::default() })
+}
+
+/// The same stretch of the same file, which two documents may have read.
+fn is_equal(one: &Place, other: &Place) -> bool {
+    one.file.name == other.file.name && one.span == other.span
+}
+
+fn is_free(view: &View<'_>, symbol: &Symbol, new_name: &str) -> Result<(), String> {
     let keys = symbol.keys();
     let siblings = keys.split_last().and_then(|(_, above)| {
         let map = above.iter().try_fold(view.root()?, |node, key| node.get(key));
         Some(names(map))
     });
-    if siblings.is_some_and(|siblings| siblings.contains(&new_name)) {
-        return Err(format!(
-            "cannot rename `{}` to `{new_name}`: {} of that name exists",
-            symbol.name(),
-            symbol.describe()
-        ));
-    }
-    let uses = symbols::occurrences(view).into_iter().filter(|found| found.symbol == symbol && !found.is_alias);
-    let mut edits = Vec::new();
-    for found in uses {
-        if found.place.text() != symbol.name() {
-            let (line, _) = found.place.line_column();
-            let what = "it is not written as plain text there (a variable, an alias or an escape)";
-            return Err(format!("cannot rename `{}`, which line {line} uses: {what}", symbol.name()));
+    match siblings.is_some_and(|siblings| siblings.contains(&new_name)) {
+        true => {
+            let (name, what) = (symbol.name(), symbol.describe());
+            Err(format!(
+                "cannot rename `{name}` to `{new_name}`: {what} of that name exists in {}",
+                view.path.display()
+            ))
         }
-        let range = positions::range(view.text, &found.place.span);
-        edits.push(TextEdit { range, new_text: new_name.to_owned() });
+        false => Ok(()),
     }
-    let changes = Some(HashMap::from([(uri, edits)]));
-    Ok(WorkspaceEdit { changes, ..WorkspaceEdit::default() })
+}
+
+fn edits(
+    view: &View<'_>,
+    uses: impl Iterator<Item = Occurrence>,
+    symbol: &Symbol,
+    new_name: &str,
+) -> Result<Vec<TextEdit>, String> {
+    let edit = |found: Occurrence| {
+        if found.place.text() != symbol.name() {
+            let what = "it is not written as plain text there (a variable, an alias or an escape)";
+            return Err(format!("cannot rename `{}`, which {} uses: {what}", symbol.name(), found.place));
+        }
+        Ok(TextEdit { range: positions::range(view.text, &found.place.span), new_text: new_name.to_owned() })
+    };
+    uses.filter(|found| !found.is_alias).map(edit).collect()
 }
 
 /// The name at an offset, if this document defines it.
-fn renamed(view: &View<'_>, offset: usize) -> Result<(Symbol, Place), String> {
+fn renamed(view: &View<'_>, offset: usize) -> Result<(Symbol, Place, Place), String> {
     if view.document.own().is_none() {
         return Err("cannot rename: the file is not valid YAML; correct it first".to_owned());
     }
@@ -95,7 +133,18 @@ fn renamed(view: &View<'_>, offset: usize) -> Result<(Symbol, Place), String> {
         let what = format!("cannot rename `{}` here: it is defined in {definition}", symbol.name());
         return Err(format!("{what}; rename it there, and then in the files that extend it"));
     }
-    Ok((symbol, occurrence.place))
+    let has_it = |tree: &Arc<Node>| symbol.keys().into_iter().try_fold(tree, |node, key| node.get(key)).is_some();
+    let other = view.document.files.iter().skip(1).find(|(_, tree)| tree.as_ref().is_some_and(has_it));
+    if let Some((file, _)) = other {
+        let what = format!(
+            "cannot rename `{}` here: {} has {} of that name, too",
+            symbol.name(),
+            file.name,
+            symbol.describe()
+        );
+        return Err(format!("{what}, which this file changes"));
+    }
+    Ok((symbol, occurrence.place, definition))
 }
 
 fn bare(symbol: &Symbol) -> &str {

@@ -13,8 +13,8 @@ use gen_lsp_types::{
     DocumentHighlightParams, DocumentHighlightProvider, DocumentSymbolParams, DocumentSymbolProvider, Hover,
     HoverParams, HoverProvider, InitializeResult, LogMessageParams, MarkupContent, MarkupKind, MessageType,
     PositionEncodingKind, PrepareRenameParams, ReferenceParams, ReferencesProvider, RenameOptions, RenameParams,
-    RenameProvider, ServerCapabilities, ServerInfo, TextDocumentPositionParams, TextDocumentSync, TextDocumentSyncKind,
-    TextDocumentSyncOptions, Uri,
+    RenameProvider, Save, ServerCapabilities, ServerInfo, TextDocumentPositionParams, TextDocumentSync,
+    TextDocumentSyncKind, TextDocumentSyncOptions, Uri,
 };
 use lsp_server::{ErrorCode, Message, Notification, Request, Response};
 use serde::Serialize;
@@ -257,7 +257,11 @@ impl Server<'_> {
                 let RenameParams { new_name, text_document_position_params: place, .. } = parsed(params)?;
                 let (view, offset) = self.view_at(&place)?;
                 let refused = |what| Failure::new(ErrorCode::RequestFailed, what);
-                json(navigation::rename(&view, offset, &new_name, place.text_document.uri).map_err(refused)?)
+                let texts = self.documents.texts();
+                let others = self.documents.paths().filter(|path| *path != view.path);
+                let others = others.map(|path| self.view(path, view::read(path, &texts)));
+                let others = others.collect::<Result<Vec<_>, _>>()?;
+                json(navigation::rename(&view, &others, offset, &new_name).map_err(refused)?)
             }
             "textDocument/documentSymbol" => {
                 let uri = parsed::<DocumentSymbolParams>(params)?.text_document.uri;
@@ -283,7 +287,7 @@ impl Server<'_> {
         let open = open.ok_or_else(|| Failure::new(ErrorCode::InvalidParams, "the document is not open"))?;
         let loaded = locked(&self.results.plans).get(path).cloned();
         let (registry, schema) = (self.registry, &self.schema);
-        Ok(View { registry, schema, path, text: &open.text, document, loaded })
+        Ok(View { registry, schema, path, uri: &open.uri, text: &open.text, document, loaded })
     }
 
     /// A document, and the offset of a position in it.
@@ -343,6 +347,7 @@ fn initialized() -> InitializeResult {
     let sync = TextDocumentSyncOptions {
         open_close: Some(true),
         change: Some(TextDocumentSyncKind::Incremental),
+        save: Some(Save::Bool(true)),
         ..TextDocumentSyncOptions::default()
     };
     let triggers = [" ", "/", ".", "{", "[", ","].map(ToOwned::to_owned);

@@ -114,7 +114,7 @@ impl Collector<'_, '_> {
     /// Visits a value that belongs at these keys of the experiment; also a value that a variant sets there.
     fn visit(&mut self, keys: &[&str], node: &Node) {
         match keys {
-            ["stages", stage, "source"] => self.source(stage, node),
+            ["stages", _, "source"] => self.source(node),
             ["stages", stage, "nodes", _, "inputs", _] => self.reference(stage, node),
             ["stages", stage, "score", key] if SCORE_REFERENCES.contains(key) => self.reference(stage, node),
             ["stages", stage, "score", "estimates", _] if node.text().is_some() => self.reference(stage, node),
@@ -154,9 +154,9 @@ impl Collector<'_, '_> {
         self.push(symbol, entry.key_place.clone());
     }
 
-    fn source(&mut self, _stage: &str, node: &Node) {
+    fn source(&mut self, node: &Node) {
         if let Some(name) = node.scalar_text() {
-            self.push(Symbol::Source(name.clone()), part(&node.place, &name, 0..name.len()));
+            self.push(Symbol::Source(name.clone()), node.place.part(&name, 0..name.len()));
         }
     }
 
@@ -196,7 +196,7 @@ impl Collector<'_, '_> {
                 (word, range)
             })
             .collect();
-        let at = |index: usize| part(place, path, words[index].1.clone());
+        let at = |index: usize| place.part(path, words[index].1.clone());
         let texts: Vec<&str> = words.iter().map(|(word, _)| *word).collect();
         match texts.as_slice() {
             ["sources", source, ..] => self.known(Symbol::Source((*source).to_owned()), at(1)),
@@ -267,7 +267,7 @@ impl Collector<'_, '_> {
     fn selected(&mut self, name: &Node) {
         let Some(text) = name.scalar_text() else { return };
         let variant = text.split('+').next().unwrap_or_default().to_owned();
-        let place = part(&name.place, &text, 0..variant.len());
+        let place = name.place.part(&text, 0..variant.len());
         self.known(Symbol::Variant(variant), place);
     }
 
@@ -287,7 +287,7 @@ impl Collector<'_, '_> {
         let from = text.len() - text.trim_start_matches('!').len();
         let word = |start: usize, ends: &[char]| {
             let length = text[start..].find(ends).unwrap_or(text.len() - start);
-            (text[start..start + length].to_owned(), part(&pattern.place, text, start..start + length), start + length)
+            (text[start..start + length].to_owned(), pattern.place.part(text, start..start + length), start + length)
         };
         if text[from..].starts_with('/') {
             let (stage, place, end) = word(from + 1, &['/']);
@@ -324,8 +324,4 @@ fn scalars(node: &Node) -> impl Iterator<Item = &Node> {
         _ => (Some(node), &[][..]),
     };
     one.into_iter().chain(items.iter().map(|item| &**item))
-}
-
-fn part(place: &Place, whole: &str, range: Range<usize>) -> Place {
-    place.part(whole, range)
 }

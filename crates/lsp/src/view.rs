@@ -3,8 +3,9 @@
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
-use depthloom_graphs::language::{Document, Loaded, Node};
+use depthloom_graphs::language::{Document, Loaded, Node, Place, Tree, parameters};
 use depthloom_graphs::{Port, Registry};
+use gen_lsp_types::Uri;
 use serde_json::Value as Json;
 
 use crate::cursor::Cursor;
@@ -15,6 +16,7 @@ pub(crate) struct View<'s> {
     /// The schema of experiment files.
     pub(crate) schema: &'s Json,
     pub(crate) path: &'s Path,
+    pub(crate) uri: &'s Uri,
     pub(crate) text: &'s str,
     pub(crate) document: Document,
     /// The last plan, if there is one.
@@ -57,7 +59,7 @@ pub(crate) fn read_incomplete(
     readings.into_iter().find(|reading| reading.own().is_some()).unwrap_or(document)
 }
 
-/// Keys without values, of an absent map.
+/// The keys of a map; none if it is absent.
 pub(crate) fn names(node: Option<&Arc<Node>>) -> Vec<&str> {
     node.map(|node| node.entries().iter().map(|entry| entry.key.as_str()).collect()).unwrap_or_default()
 }
@@ -99,7 +101,7 @@ impl View<'_> {
         let Some(node) = self.node(stage, node) else { return Default::default() };
         let kind = node.get("kind").and_then(|kind| self.registry.node_kind(kind.text()?));
         let Some(kind) = kind else { return Default::default() };
-        let parameters = parameters(node);
+        let parameters = parameters(node, &kind.schema);
         let signature = kind.resolve(&parameters).ok().and_then(|resolved| kind.signature(&resolved).ok());
         match signature {
             Some(signature) => (signature.inputs, signature.outputs),
@@ -111,13 +113,14 @@ impl View<'_> {
     pub(crate) fn source_ports(&self, stage: &str) -> Vec<Port> {
         let source = self.stage(stage).and_then(|stage| self.source(&stage.get("source")?.scalar_text()?));
         let first = source.and_then(|source| match &source.get("concat")?.value {
-            depthloom_graphs::language::Tree::List(items) => items.first(),
+            Tree::List(items) => items.first(),
             _ => None,
         });
         let Some(source) = first.or(source) else { return Vec::new() };
         let kind = source.get("kind").and_then(|kind| self.registry.source_kind(kind.text()?));
         let Some(kind) = kind else { return Vec::new() };
-        let outputs = kind.resolve(&parameters(source)).ok().and_then(|resolved| kind.outputs(&resolved).ok());
+        let outputs =
+            kind.resolve(&parameters(source, &kind.schema)).ok().and_then(|resolved| kind.outputs(&resolved).ok());
         outputs.unwrap_or_else(|| kind.declaration.outputs.clone())
     }
 
@@ -129,17 +132,13 @@ impl View<'_> {
     }
 
     /// The key of this name in one of the files, where the value with this anchor is written.
-    fn key_place(
-        &self,
-        name: &str,
-        anchor: &depthloom_graphs::language::Place,
-    ) -> Option<depthloom_graphs::language::Place> {
+    fn key_place(&self, name: &str, anchor: &Place) -> Option<Place> {
         let around = self.document.keys_around(anchor);
         around.into_iter().rfind(|(key, _)| key == name).map(|(_, place)| place)
     }
 
     /// Where the entry at these keys of the merged experiment is defined: in the file that names its kind or source.
-    pub(crate) fn definition(&self, keys: &[&str]) -> Option<depthloom_graphs::language::Place> {
+    pub(crate) fn definition(&self, keys: &[&str]) -> Option<Place> {
         let (last, above) = keys.split_last()?;
         let map = above.iter().try_fold(self.root()?, |node, key| node.get(key))?;
         let entry = map.entry(last)?;
@@ -147,9 +146,4 @@ impl View<'_> {
         let anchored = anchor.and_then(|anchor| self.key_place(last, &anchor.key_place));
         Some(anchored.unwrap_or_else(|| entry.key_place.clone()))
     }
-}
-
-fn parameters(node: &Node) -> Json {
-    let with = node.get("with").map(|with| with.to_json());
-    with.filter(Json::is_object).unwrap_or_else(|| Json::Object(serde_json::Map::new()))
 }

@@ -10,6 +10,9 @@ import {
 } from "vscode-languageclient/node";
 import { isExperiment, programOf } from "./recognition";
 
+/** Comments before the first key are not longer. */
+const FIRST_LINES = 200;
+
 let client: LanguageClient | undefined;
 /** The start or stop in progress; another one waits for it. */
 let turn: Promise<void> = Promise.resolve();
@@ -48,7 +51,7 @@ function isServed(document: vscode.TextDocument): boolean {
   }
   const patterns = settings().get<string[]>("files", []);
   const matches = patterns.some((pattern) => vscode.languages.match({ language: "yaml", pattern }, document) > 0);
-  return matches || isExperiment(document.getText());
+  return matches || isExperiment(document.getText(new vscode.Range(0, 0, FIRST_LINES, 0)));
 }
 
 function startFor(document: vscode.TextDocument): void {

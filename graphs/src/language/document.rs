@@ -7,12 +7,21 @@ use serde_json::Value as Json;
 
 use super::change::parameter::Parameters;
 use super::change::path::{self, Scope};
+use super::check::with_schema;
 use super::text::diagnostics::Report;
 use super::text::environment;
 use super::text::files::Files;
+use super::text::paths::Anywhere;
 use super::text::source_file::{Place, SourceFile};
 use super::text::tree::Node;
 use crate::registry::Registry;
+
+/// The parameters of a node or source as its kind reads them: paths lead from the working directory.
+pub fn parameters(instance: &Node, schema: &Json) -> Json {
+    let with = instance.get("with").filter(|with| with.is_map());
+    let located = with.map(|with| with_schema::parameters(with, schema, &mut Anywhere::default()));
+    located.unwrap_or_else(|| Json::Object(serde_json::Map::new()))
+}
 
 /// An experiment file with the files that it extends and its graph files.
 #[derive(Clone, Debug, Default)]

@@ -31,8 +31,8 @@ fn reused(loaded: &Loaded, registry: &Registry) -> Result<Vec<ReusedNode>, Strin
         let problems: Vec<String> = stop.problems.iter().map(text).collect();
         if problems.is_empty() { stop.message.what } else { problems.join("; ") }
     })?;
-    let node = |node: plan::ForecastNode| {
-        let plan::ReusedNode { stage, node, variants, runs, taken, why } = node.reused;
+    let node = |node: plan::ReusedNode| {
+        let plan::ReusedNode { stage, node, variants, runs, taken, why } = node;
         let summary = match (runs, taken) {
             (0, 0) => "not needed".to_owned(),
             (0, taken) => format!("all {taken} results would be reused"),
@@ -46,5 +46,5 @@ fn reused(loaded: &Loaded, registry: &Registry) -> Result<Vec<ReusedNode>, Strin
         };
         ReusedNode { stage, node, summary }
     };
-    Ok(forecast.nodes.into_iter().map(node).collect())
+    Ok(forecast.runs.into_iter().flat_map(|run| run.nodes).map(node).collect())
 }

@@ -66,15 +66,15 @@ fn reuse(args: &PlanArgs, loaded: Loaded, registry: &Registry) -> Result<ExitCod
         forecast.warnings.iter().for_each(|warning| print_warning(warning));
     }
     if args.output.json {
-        let nodes = forecast.nodes.into_iter().map(|node| node.reused).collect();
+        let nodes = forecast.runs.into_iter().flat_map(|run| run.nodes).collect();
         let nearest = forecast.nearest.map(|path| path.to_string_lossy().into_owned());
         output::print(&PlanReuse { nearest, nodes, warnings: forecast.warnings })?;
         return Ok(ExitCode::Success);
     }
     let mut stages = String::new();
-    for run in forecast.nodes.chunk_by(|before, after| before.prefix == after.prefix) {
-        let line = |node: &ForecastNode| {
-            let ReusedNode { node: name, variants, runs, taken, why, .. } = &node.reused;
+    for run in &forecast.runs {
+        let line = |node: &ReusedNode| {
+            let ReusedNode { node: name, variants, runs, taken, why, .. } = node;
             let does = match (runs, taken) {
                 (0, 0) => "not needed".to_owned(),
                 (0, _) => "taken".to_owned(),
@@ -83,9 +83,8 @@ fn reuse(args: &PlanArgs, loaded: Loaded, registry: &Registry) -> Result<ExitCod
             };
             [name.clone(), variants.join(", "), does, why.clone().unwrap_or_default()]
         };
-        let lines: Vec<_> = run.iter().map(line).collect();
-        let prefix = run.first().map(|node| node.prefix.trim_start_matches('/')).unwrap_or_default();
-        let _ = write!(stages, "\nstage {prefix}\n{}", aligned(&lines, &[]));
+        let lines: Vec<_> = run.nodes.iter().map(line).collect();
+        let _ = write!(stages, "\nstage {}\n{}", run.prefix.trim_start_matches('/'), aligned(&lines, &[]));
     }
     let head = forecast.nearest.map_or_else(
         || "no earlier run has anything of this experiment".to_owned(),
@@ -99,25 +98,30 @@ fn reuse(args: &PlanArgs, loaded: Loaded, registry: &Registry) -> Result<ExitCod
 pub(crate) struct Forecast {
     /// The run that is nearest.
     nearest: Option<PathBuf>,
-    pub(crate) nodes: Vec<ForecastNode>,
+    pub(crate) runs: Vec<ForecastRun>,
     warnings: Vec<String>,
 }
 
-/// A node of a stage run.
-pub(crate) struct ForecastNode {
-    /// The prefix of the topics of its stage run.
+/// A stage run.
+pub(crate) struct ForecastRun {
+    /// The prefix of its topics.
     prefix: String,
-    pub(crate) reused: ReusedNode,
+    pub(crate) nodes: Vec<ReusedNode>,
 }
 
-/// Determines what a run would reuse of the runs in `runs` and beside `out`. It opens the sources.
+/// Determines what a run would reuse of the runs in `folder` and beside `out`. It opens the sources.
 ///
 /// # Errors
 /// What is missing on this machine.
-pub(crate) fn forecast(plan: Plan, registry: &Registry, out: Option<&Path>, runs: &Path) -> Result<Forecast, CliError> {
+pub(crate) fn forecast(
+    plan: Plan,
+    registry: &Registry,
+    out: Option<&Path>,
+    folder: &Path,
+) -> Result<Forecast, CliError> {
     let ready = Ready::new(plan, registry).map_err(|missing| CliError::of_missing(&missing))?;
     let plan = ready.plan.clone();
-    let earlier = reuse::beside(out, runs, &plan);
+    let earlier = reuse::beside(out, folder, &plan);
     let warnings = reuse::unreadable(&earlier);
     let foreseen = depthloom_runner::foresee(&ready, &earlier, &InlineHost)
         .map_err(|what| CliError::new(ExitCode::Engine, format!("failed to determine what would be reused: {what}")))?;
@@ -131,25 +135,26 @@ pub(crate) fn forecast(plan: Plan, registry: &Registry, out: Option<&Path>, runs
             (Some(_), differences) => Some(differences.iter().map(ToString::to_string).collect::<Vec<_>>().join("; ")),
         }
     };
-    let mut nodes = Vec::new();
+    let mut runs = Vec::new();
     for (run, (planned, foreseen_nodes)) in RunId::enumerate(plan.runs.iter().zip(&foreseen)) {
+        let mut nodes = Vec::new();
         for (node, (planned, foreseen)) in NodeId::enumerate(planned.nodes.iter().zip(foreseen_nodes)) {
             let Foreseen { fires, taken, .. } = *foreseen;
             let why = if fires > 0 { why(NodeRef { run, node }, *foreseen) } else { None };
             let variants = planned.variant_names(&plan);
-            let reused = ReusedNode {
+            nodes.push(ReusedNode {
                 stage: plan.runs[run].stage.clone(),
                 node: planned.name.clone(),
                 variants: variants.iter().map(|&name| name.to_owned()).collect(),
                 runs: fires,
                 taken,
                 why,
-            };
-            nodes.push(ForecastNode { prefix: plan.runs[run].prefix.clone(), reused });
+            });
         }
+        runs.push(ForecastRun { prefix: plan.runs[run].prefix.clone(), nodes });
     }
     let nearest = nearest.map(|(path, _)| path.parent().unwrap_or(path).to_owned());
-    Ok(Forecast { nearest, nodes, warnings })
+    Ok(Forecast { nearest, runs, warnings })
 }
 
 /// Why a node runs that is equal to one of an earlier run.

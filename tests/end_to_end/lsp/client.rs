@@ -44,9 +44,9 @@ impl Client {
     /// Starts the server and initializes it.
     pub(super) fn initialized(folder: &Path) -> Self {
         let mut client = Self::start(folder);
-        let result = client.request("initialize", json!({ "processId": null, "rootUri": null, "capabilities": {} }));
+        let result = client.request("initialize", &json!({ "processId": null, "rootUri": null, "capabilities": {} }));
         assert_eq!(result["result"]["serverInfo"]["name"], "depthloom", "{result}");
-        client.notify("initialized", json!({}));
+        client.notify("initialized", &json!({}));
         client
     }
 
@@ -61,12 +61,12 @@ impl Client {
         self.send_bytes(format!("Content-Length: {}\r\n\r\n{body}", body.len()).as_bytes());
     }
 
-    pub(super) fn notify(&mut self, method: &str, params: Json) {
+    pub(super) fn notify(&mut self, method: &str, params: &Json) {
         self.send(&json!({ "jsonrpc": "2.0", "method": method, "params": params }));
     }
 
     /// Sends a request, and returns the response.
-    pub(super) fn request(&mut self, method: &str, params: Json) -> Json {
+    pub(super) fn request(&mut self, method: &str, params: &Json) -> Json {
         let id = self.next;
         self.next += 1;
         self.send(&json!({ "jsonrpc": "2.0", "id": id, "method": method, "params": params }));
@@ -83,7 +83,7 @@ impl Client {
     pub(super) fn at(&mut self, method: &str, uri: &str, (line, character): (usize, usize)) -> Json {
         let position = json!({ "line": line, "character": character });
         let params = json!({ "textDocument": { "uri": uri }, "position": position });
-        let response = self.request(&format!("textDocument/{method}"), params);
+        let response = self.request(&format!("textDocument/{method}"), &params);
         assert!(response.get("error").is_none(), "{method} at {line}:{character}: {response}");
         response["result"].clone()
     }
@@ -106,7 +106,7 @@ impl Client {
     /// Opens a document with its first version, and returns its diagnostics.
     pub(super) fn open(&mut self, uri: &str, text: &str) -> Vec<Json> {
         let document = json!({ "uri": uri, "languageId": "yaml", "version": 1, "text": text });
-        self.notify("textDocument/didOpen", json!({ "textDocument": document }));
+        self.notify("textDocument/didOpen", &json!({ "textDocument": document }));
         self.diagnostics(uri, 1)
     }
 
@@ -114,7 +114,7 @@ impl Client {
     pub(super) fn replace(&mut self, uri: &str, version: i32, text: &str) -> Vec<Json> {
         let document = json!({ "uri": uri, "version": version });
         let changes = json!([{ "text": text }]);
-        self.notify("textDocument/didChange", json!({ "textDocument": document, "contentChanges": changes }));
+        self.notify("textDocument/didChange", &json!({ "textDocument": document, "contentChanges": changes }));
         self.diagnostics(uri, version)
     }
 
@@ -127,9 +127,9 @@ impl Client {
 
     /// Ends the conversation, and returns the exit code.
     pub(super) fn finish(mut self) -> i32 {
-        let response = self.request("shutdown", Json::Null);
+        let response = self.request("shutdown", &Json::Null);
         assert_eq!(response.get("result"), Some(&Json::Null), "{response}");
-        self.notify("exit", Json::Null);
+        self.notify("exit", &Json::Null);
         self.exit_code()
     }
 

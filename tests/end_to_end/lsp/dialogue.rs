@@ -93,7 +93,7 @@ fn an_experiment_that_is_typed_from_its_first_character_has_no_failing_request()
         let text = &EXPERIMENT[..end];
         let document = json!({ "uri": address, "version": version });
         let changes = json!([{ "text": text }]);
-        client.notify("textDocument/didChange", json!({ "textDocument": document, "contentChanges": changes }));
+        client.notify("textDocument/didChange", &json!({ "textDocument": document, "contentChanges": changes }));
         for method in ["completion", "hover", "definition"] {
             client.at(method, &address, position(text, end));
         }
@@ -117,7 +117,7 @@ fn columns_count_utf_16_units_and_changes_are_applied_one_by_one() {
     ]);
     client.notify(
         "textDocument/didChange",
-        json!({ "textDocument": { "uri": address, "version": 2 }, "contentChanges": changes }),
+        &json!({ "textDocument": { "uri": address, "version": 2 }, "contentChanges": changes }),
     );
     let found = client.diagnostics(&address, 2);
     let now = text.replacen("\"ä𝄞\"", "\"ä\"\nsurces: { ä𝄞: 1 }", 1);
@@ -150,7 +150,7 @@ fn open_texts_replace_the_files_that_an_experiment_extends() {
     // An error of a graph file that is not open, then of the same file while it is.
     fs::write(at("nodes.yaml"), "nodes:\n  edges: { kind: confidence/edge, inputs: { image: source/left } }\n")
         .expect("written");
-    client.notify("textDocument/didSave", json!({ "textDocument": { "uri": nodes_uri } }));
+    client.notify("textDocument/didSave", &json!({ "textDocument": { "uri": nodes_uri } }));
     let is_of_nodes = |params: &Json| params["uri"] == nodes_uri && params["diagnostics"] != json!([]);
     let found = client.notification("textDocument/publishDiagnostics", is_of_nodes);
     assert!(found["diagnostics"][0]["message"].as_str().expect("text").contains("confidence/edge"), "{found}");
@@ -164,9 +164,9 @@ fn open_texts_replace_the_files_that_an_experiment_extends() {
 fn broken_messages_and_wrong_requests_do_not_end_the_server() {
     let folder = tempfile::tempdir().expect("a folder");
     let mut client = Client::start(folder.path());
-    let early = client.request("textDocument/hover", json!({}));
+    let early = client.request("textDocument/hover", &json!({}));
     assert_eq!(early["error"]["code"], -32002, "{early}");
-    client.request("initialize", json!({ "capabilities": {} }));
+    client.request("initialize", &json!({ "capabilities": {} }));
     client.send_bytes(b"Content-Length: 9\r\n\r\n{not json");
     let logged = client.notification("window/logMessage", |_| true);
     assert!(logged["message"].as_str().expect("text").contains("not JSON-RPC"), "{logged}");
@@ -174,16 +174,16 @@ fn broken_messages_and_wrong_requests_do_not_end_the_server() {
     client.notification("window/logMessage", |_| true);
     client.send_bytes(b"Content-Length: 99999999999999999999\r\n\r\n");
     client.notification("window/logMessage", |_| true);
-    assert_eq!(client.request("textDocument/format", json!({}))["error"]["code"], -32601);
-    assert_eq!(client.request("textDocument/hover", json!([1]))["error"]["code"], -32602);
+    assert_eq!(client.request("textDocument/format", &json!({}))["error"]["code"], -32601);
+    assert_eq!(client.request("textDocument/hover", &json!([1]))["error"]["code"], -32602);
     let nowhere = json!({ "textDocument": { "uri": "file:///none.yaml" }, "position": { "line": 0, "character": 0 } });
-    assert_eq!(client.request("textDocument/hover", nowhere)["error"]["code"], -32602);
-    client.notify("textDocument/didChange", json!({ "textDocument": 3 }));
+    assert_eq!(client.request("textDocument/hover", &nowhere)["error"]["code"], -32602);
+    client.notify("textDocument/didChange", &json!({ "textDocument": 3 }));
     client.notification("window/logMessage", |_| true);
-    client.notify("$/cancelRequest", json!({ "id": 1 }));
-    assert_eq!(client.request("shutdown", Json::Null)["result"], Json::Null);
-    assert_eq!(client.request("textDocument/hover", json!({}))["error"]["code"], -32600);
-    client.notify("exit", Json::Null);
+    client.notify("$/cancelRequest", &json!({ "id": 1 }));
+    assert_eq!(client.request("shutdown", &Json::Null)["result"], Json::Null);
+    assert_eq!(client.request("textDocument/hover", &json!({}))["error"]["code"], -32600);
+    client.notify("exit", &Json::Null);
     assert_eq!(client.exit_code(), 0);
 }
 
@@ -191,7 +191,7 @@ fn broken_messages_and_wrong_requests_do_not_end_the_server() {
 fn without_shutdown_the_exit_code_is_one() {
     let folder = tempfile::tempdir().expect("a folder");
     let mut client = Client::initialized(folder.path());
-    client.notify("exit", Json::Null);
+    client.notify("exit", &Json::Null);
     assert_eq!(client.exit_code(), 1);
     assert_eq!(Client::initialized(folder.path()).exit_code(), 1, "the stream ends");
     assert_eq!(Client::start(folder.path()).exit_code(), 0, "the conversation never began");

@@ -36,7 +36,7 @@ fn responses_on_table_1_take_less_than_50_ms() {
                     "position": { "line": place.0, "character": place.1 },
                     "context": { "includeDeclaration": true, "triggerKind": 1 },
                 });
-                let response = client.request(&format!("textDocument/{method}"), params);
+                let response = client.request(&format!("textDocument/{method}"), &params);
                 assert!(response.get("error").is_none(), "{method}: {response}");
                 before.elapsed()
             })

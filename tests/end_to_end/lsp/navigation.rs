@@ -166,8 +166,49 @@ variants:
     // Names that other files define are not renamed here.
     let place = find(main, "second.mono/depth", 8);
     let params = json!({ "textDocument": { "uri": address }, "position": { "line": place.0, "character": place.1 }, "newName": "x" });
-    let refused = client.request("textDocument/rename", params);
+    let refused = client.request("textDocument/rename", &params);
     assert!(refused["error"]["message"].as_str().expect("text").contains("base.yaml:"), "{refused}");
+    assert_eq!(client.finish(), 0);
+}
+
+#[test]
+fn renaming_reaches_open_files_that_extend_the_document() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let at = |name: &str| folder.path().join(name);
+    let graph = "nodes:\n  edges: { kind: confidence/edges, inputs: { image: source/left } }\n";
+    let main = "experiment: main
+extends: base.yaml
+stages:
+  third: { source: street, nodes: { graph: nodes.yaml } }
+variants:
+  near: { second.depth.with.cap: 40, third.edges.with: {} }
+only: [\"near+*\"]
+record: [third.edges/mask, second.depth/depth]
+";
+    fs::write(at("base.yaml"), EXPERIMENT).expect("written");
+    fs::write(at("nodes.yaml"), graph).expect("written");
+    let [main_uri, base_uri, graph_uri] = ["main.yaml", "base.yaml", "nodes.yaml"].map(|name| uri(&at(name)));
+    let mut client = Client::initialized(folder.path());
+    assert_eq!(client.open(&main_uri, main), [] as [Json; 0]);
+    client.open(&base_uri, EXPERIMENT);
+    client.open(&graph_uri, graph);
+    let mut rename = |address: &str, place: (usize, usize), new_name: &str| {
+        let position = json!({ "line": place.0, "character": place.1 });
+        let params = json!({ "textDocument": { "uri": address }, "position": position, "newName": new_name });
+        client.request("textDocument/rename", &params)["result"]["changes"].clone()
+    };
+    let changes = rename(&base_uri, find(EXPERIMENT, "depth:\n        kind", 1), "metres");
+    assert_eq!(edited(main, &changes[&main_uri]), main.replace("second.depth", "second.metres"));
+    let expected = by_hand(&[
+        ("      depth:\n", "      metres:\n"),
+        ("depth/depth", "metres/depth"),
+        ("second.depth", "second.metres"),
+    ]);
+    assert_eq!(edited(EXPERIMENT, &changes[&base_uri]), expected);
+    let changes = rename(&graph_uri, find(graph, "edges:", 1), "lines");
+    assert_eq!(edited(graph, &changes[&graph_uri]), graph.replace("edges:", "lines:"));
+    assert_eq!(edited(main, &changes[&main_uri]), main.replace("third.edges", "third.lines"));
+    assert_eq!(changes.as_object().expect("files").len(), 2, "{changes}");
     assert_eq!(client.finish(), 0);
 }
 
@@ -226,7 +267,7 @@ fn renaming_changes_every_use_and_the_result_is_right() {
         assert_eq!(words(EXPERIMENT, &prepared["range"]), prepared["placeholder"].as_str().expect("text"));
         let uses = client.request(
             "textDocument/references",
-            json!({
+            &json!({
                 "textDocument": { "uri": address }, "position": { "line": place.0, "character": place.1 },
                 "context": { "includeDeclaration": true },
             }),
@@ -234,7 +275,7 @@ fn renaming_changes_every_use_and_the_result_is_right() {
         let params = json!({
             "textDocument": { "uri": address }, "position": { "line": place.0, "character": place.1 }, "newName": new_name,
         });
-        let response = client.request("textDocument/rename", params);
+        let response = client.request("textDocument/rename", &params);
         let edits = &response["result"]["changes"][&address];
         assert!(uses["result"].as_array().expect("uses").len() >= edits.as_array().expect("edits").len());
         let renamed = edited(EXPERIMENT, edits);
@@ -254,10 +295,10 @@ fn renaming_changes_every_use_and_the_result_is_right() {
         let params = json!({
             "textDocument": { "uri": address }, "position": { "line": place.0, "character": place.1 }, "newName": new_name,
         });
-        let refused = client.request("textDocument/rename", params);
+        let refused = client.request("textDocument/rename", &params);
         assert!(refused["error"]["message"].as_str().is_some_and(|text| text.contains(why)), "{new_name}: {refused}");
     }
-    let symbols = client.request("textDocument/documentSymbol", json!({ "textDocument": { "uri": address } }));
+    let symbols = client.request("textDocument/documentSymbol", &json!({ "textDocument": { "uri": address } }));
     let names: Vec<&str> =
         symbols["result"].as_array().expect("a list").iter().filter_map(|symbol| symbol["name"].as_str()).collect();
     assert_eq!(names, ["experiment", "sources", "stages", "variants", "matrix"]);

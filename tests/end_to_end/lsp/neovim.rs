@@ -1,17 +1,28 @@
 //! The server in Neovim, without a screen.
 
 use std::fs;
+use std::path::Path;
 use std::process::Command;
 
 use super::EXPERIMENT;
-use crate::support::skipped;
+use crate::support::{skipped, workspace};
 
-/// Opens a file, and prints what the language server shows in it.
+/// Opens a file, and prints what the language server shows in it. From version 0.11 on, the lines of the guide start
+/// the server.
 const SCRIPT: &str = r#"
-local file, program = vim.env.EXPERIMENT, vim.env.DEPTHLOOM
-vim.cmd("edit " .. vim.fn.fnameescape(file))
-local client = vim.lsp.start_client({ name = "depthloom", cmd = { program, "lsp" }, root_dir = vim.fn.fnamemodify(file, ":h") })
-vim.lsp.buf_attach_client(0, client)
+local file, guide = vim.env.EXPERIMENT, vim.env.GUIDE
+local client
+if vim.lsp.config then
+  dofile(guide)
+  vim.cmd("edit " .. vim.fn.fnameescape(file))
+  assert(vim.wait(60000, function() return #vim.lsp.get_clients({ bufnr = 0 }) == 1 end, 20), "the server was not started")
+  client = vim.lsp.get_clients({ bufnr = 0 })[1].id
+  print("started by the lines of the guide")
+else
+  vim.cmd("edit " .. vim.fn.fnameescape(file))
+  client = vim.lsp.start_client({ name = "depthloom", cmd = { "depthloom", "lsp" }, root_dir = vim.fn.fnamemodify(file, ":h") })
+  vim.lsp.buf_attach_client(0, client)
+end
 assert(vim.wait(60000, function() return #vim.diagnostic.get(0) > 0 end, 20), "no diagnostics")
 print("diagnostic: " .. vim.diagnostic.get(0)[1].message:match("[^\n]*"))
 
@@ -20,7 +31,7 @@ local function at(method, pattern, more)
   assert(vim.fn.search(pattern, "c") > 0, pattern)
   local params = vim.tbl_extend("force", vim.lsp.util.make_position_params(0, "utf-16"), more or {})
   local responses = vim.lsp.buf_request_sync(0, method, params, 60000)
-  return responses[client] and responses[client].result, client
+  return responses[client] and responses[client].result
 end
 
 -- The error is corrected in the buffer, and not saved.
@@ -50,9 +61,16 @@ fn neovim_shows_errors_completes_and_renames() {
     let wrong = EXPERIMENT.replacen("      stereo: { kind: stereo/sgbm", "      stereo: { kind: stereo/sgmb", 1);
     fs::write(at("look.yaml"), wrong).expect("written");
     fs::write(at("script.lua"), SCRIPT).expect("written");
+    let page = fs::read_to_string(workspace().join("docs/how-to/editor.md")).expect("a page");
+    let (_, lines) = page.split_once("```lua\n").expect("lines for Neovim");
+    fs::write(at("guide.lua"), lines.split_once("```").expect("their end").0).expect("written");
+    let program = Path::new(env!("CARGO_BIN_EXE_depthloom")).parent().expect("a folder");
+    let path = std::env::var_os("PATH").unwrap_or_default();
+    let folders = std::iter::once(program.to_owned()).chain(std::env::split_paths(&path));
     let mut neovim = Command::new("nvim");
     neovim.args(["--headless", "--clean", "-n", "-c"]).arg(format!("luafile {}", at("script.lua").display()));
-    neovim.args(["-c", "cquit 1"]).env("EXPERIMENT", at("look.yaml")).env("DEPTHLOOM", env!("CARGO_BIN_EXE_depthloom"));
+    neovim.args(["-c", "cquit 1"]).env("EXPERIMENT", at("look.yaml")).env("GUIDE", at("guide.lua"));
+    neovim.env("PATH", std::env::join_paths(folders).expect("folders"));
     let output = neovim.env("HOME", folder.path()).env("XDG_STATE_HOME", folder.path()).output().expect("it starts");
     let printed = String::from_utf8_lossy(&output.stderr).into_owned() + &String::from_utf8_lossy(&output.stdout);
     assert!(output.status.success(), "{printed}");
