@@ -281,8 +281,8 @@ fn row(root: &Path, places: &BTreeMap<&str, usize>, columns: usize, text: &str) 
     Ok(Row { id, left, right, truth })
 }
 
-/// Whether the header of a list has the column `right`; `None` if it cannot be read or is no header, which is reported
-/// when the list is opened.
+/// Whether the header of a list has the column `right`. `None` if it cannot be read or lacks the column `left`: this is
+/// reported when the list is opened.
 pub(super) fn list_has_pairs(list: &Path) -> Option<bool> {
     let mut head = Vec::new();
     let read = regular_file::open(list).and_then(|file| file.take(LONGEST_HEADER).read_to_end(&mut head));
