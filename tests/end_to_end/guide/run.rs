@@ -37,6 +37,7 @@ pages! {
     ask_a_run: "how-to/ask-a-run.md",
     ci: "how-to/ci.md",
     disk_and_memory: "how-to/disk-and-memory.md",
+    editor: "how-to/editor.md",
     export: "how-to/export.md",
     kitti: "how-to/kitti.md",
     manage_runs: "how-to/manage-runs.md",
