@@ -65,7 +65,8 @@ def main() -> None:
         shim.parent.mkdir()
         shim.write_text(CARGO.format(messages=Path(work, "messages"), cargo=cargo))
         shim.chmod(0o755)
-        environment = {**os.environ, "PATH": f"{shim.parent}{os.pathsep}{os.environ['PATH']}"}
+        # `cargo test` sets CARGO, which maturin prefers to the PATH.
+        environment = {**os.environ, "CARGO": str(shim), "PATH": f"{shim.parent}{os.pathsep}{os.environ['PATH']}"}
         build = [sys.executable, "-m", "maturin", "build", "--release", "--out", str(wheels)]
         done = subprocess.run(build, cwd=ROOT, env=environment, capture_output=True, text=True)
         if done.returncode != 0:
