@@ -147,7 +147,7 @@ fn the_best_candidates_come_first_with_their_documentation() {
     client.open(&address, EXPERIMENT);
     let mut complete =
         |version: i32, from: &str, to: &str| labels(&mut client, &address, version, &EXPERIMENT.replacen(from, to, 1));
-    // Outputs of the type of the input first, and never those of the node itself.
+    // Outputs with the input's type come first. The node's own outputs are left out.
     let (_, items) = complete(2, "disparity: stereo/disparity", "disparity: |");
     assert_eq!(names(&items)[0], "stereo/disparity");
     assert!(!names(&items).contains(&"depth/depth"));
