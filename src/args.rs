@@ -45,7 +45,8 @@ pub(crate) use inspect::InspectArgs;
 pub(crate) use recording::VerifyArgs;
 pub(crate) use run::{AuditMode, PageArgs, ReportArgs, RunArgs};
 pub(crate) use runs::{
-    DiffArgs, ListArgs, NoteArgs, PruneArgs, RecoverArgs, RmArgs, RunsArgs, RunsCommand, ShowArgs, TagArgs, TimingsArgs,
+    DiffArgs, ListFilter, NoteArgs, PruneArgs, RecoverArgs, RmArgs, RunsArgs, RunsCommand, ShowArgs, TagArgs,
+    TimingsArgs,
 };
 pub(crate) use table::{ExplainArgs, PixelsOption, RowsOption, ScoresArgs, TableArgs, TableFormat, TypesettingArgs};
 

@@ -9,6 +9,7 @@ mod comparability;
 mod cost;
 mod effects;
 mod factor;
+mod frame_groups;
 mod front;
 mod joined;
 mod leaderboard;
@@ -19,21 +20,22 @@ mod shared;
 mod variance;
 mod zones;
 
-use std::collections::HashMap;
+use std::collections::{BTreeSet, HashMap};
 
 use depthloom_graphs::Key;
-use depthloom_graphs::plan::{FrameIndex, RunId, VariantId};
+use depthloom_graphs::plan::{FrameIndex, Labels, RunId, VariantId};
 use depthloom_recording::RecordedPlan;
 use depthloom_scores::{Family, Mean, Metric, PixelSet, ScoreRow};
 
 pub(crate) use adjusted::{LevelMeans, level_means};
-pub(crate) use answer::{FrameSet, scored, select_frames, source_keys};
+pub(crate) use answer::{FrameSet, scored, select_frames, selected_frames, source_keys};
 pub use answer::{Question, answer};
 pub use best_value::{BestValue, best_value};
 use comparability::Classes;
 pub use cost::Costs;
 pub(crate) use effects::table as effects_table;
 pub(crate) use factor::Factor;
+use frame_groups::FrameGroups;
 pub(crate) use joined::estimate_by_label;
 pub use leaderboard::{BoardRun, leaderboard};
 pub use ranking::Ranking;
@@ -46,7 +48,7 @@ use crate::error::{AnalysisError, listed, unknown};
 use crate::estimates::{Estimate, check_patterns, estimate_names, matches_estimate, pattern_matches};
 use crate::input::frame_choice::FrameChoice;
 use crate::scores::{FrameScore, averaged};
-use crate::statistics::{Statistic, Weighted};
+use crate::statistics::{Grouping, Resampling, Statistic, Weighted};
 use crate::tables::COMMON;
 
 /// Selects the scores of a recording that a table shows.
@@ -68,6 +70,8 @@ pub struct Selection {
     pub mean: Option<Mean>,
     /// Patterns of labels or names of estimates, separated by commas; `*` matches any characters. `None`: all.
     pub estimates: Option<String>,
+    /// The groups of frames that intervals resample. `None`: each frame alone.
+    pub grouping: Option<Grouping>,
 }
 
 impl Selection {
@@ -120,6 +124,8 @@ pub(crate) struct Ablation<'a> {
     /// For each estimate, the topic of its disparity: the estimate itself, or the disparity it was computed from.
     disparities: Vec<Option<&'a str>>,
     source: &'a dyn Fn(RunId, FrameIndex) -> Option<Key>,
+    /// The groups of frames that intervals resample; `None`: each frame alone.
+    groups: Option<FrameGroups>,
 }
 
 /// An estimate's scores on the selected pixels.
@@ -210,7 +216,18 @@ impl<'a> Ablation<'a> {
             has_timings: costs.is_some(),
             disparities: joined::disparities(plan, estimates),
             source,
+            groups: None,
         }
+    }
+
+    /// Resamples groups of frames instead of frames.
+    pub(crate) fn with_groups(self, groups: Option<FrameGroups>) -> Self {
+        Self { groups, ..self }
+    }
+
+    /// Describes the intervals.
+    pub(crate) fn about_intervals(&self, resampling: &Resampling) -> String {
+        resampling.about_units(self.groups.as_ref().map_or("frames", |groups| &groups.unit))
     }
 
     /// The selected rows, in the order of estimates.
@@ -295,17 +312,27 @@ impl<'a> Ablation<'a> {
         }
     }
 
-    /// A metric of a row as a function of the weight of each frame, and the number of frames that have it. Without a
-    /// metric the function returns NaN.
+    /// A metric of a row as a function of the weight of each frame or group of frames that has it, and their number.
+    /// Without a metric the function returns NaN.
     fn statistic(&self, row: &Row, metric: Option<usize>, zone: &'a str) -> (usize, Box<Statistic<'_>>) {
-        let settings = self.estimate(row).settings.unwrap_or_default();
-        let frames = self.frames(row.estimate, row.set, zone).iter().map(|score| &score.row);
-        let weighted =
-            metric.and_then(|metric| Weighted::of_scored_frames(self.metrics[metric], row.mean, &settings, frames));
-        match weighted {
-            Some((frames, weighted)) => (frames, Box::new(move |times: &[f64]| weighted.value(times))),
-            None => (0, Box::new(|_: &[f64]| f64::NAN)),
-        }
+        let none = || -> (usize, Box<Statistic<'_>>) { (0, Box::new(|_: &[f64]| f64::NAN)) };
+        let Some(metric) = metric.map(|metric| self.metrics[metric]) else { return none() };
+        let estimate = self.estimate(row);
+        let settings = estimate.settings.unwrap_or_default();
+        let scores = self.frames(row.estimate, row.set, zone);
+        let rows = scores.iter().map(|score| &score.row);
+        let Some((frames, weighted)) = Weighted::of_scored_frames(metric, row.mean, &settings, rows) else {
+            return none();
+        };
+        let Some(groups) = &self.groups else { return (frames, Box::new(move |times: &[f64]| weighted.value(times))) };
+        let scored = scores.iter().filter(|score| score.row.get(metric).is_some());
+        let of_frames: Vec<Option<&usize>> =
+            scored.map(|score| groups.by_frame.get(&(estimate.run, score.position))).collect();
+        // Numbered without gaps: a group may have no frame with this metric.
+        let present: BTreeSet<Option<&usize>> = of_frames.iter().copied().collect();
+        let numbers: HashMap<Option<&usize>, usize> = present.into_iter().zip(0..).collect();
+        let weighted = weighted.grouped(&of_frames.iter().map(|group| numbers[group]).collect::<Vec<_>>());
+        (numbers.len(), Box::new(move |times: &[f64]| weighted.value(times)))
     }
 
     pub(crate) fn estimate(&self, row: &Row) -> &Estimate {
@@ -483,8 +510,8 @@ fn axes(plan: &RecordedPlan, estimates: &[Estimate]) -> (Vec<Axis>, Vec<Vec<Opti
             (factors, _) => factors.iter().map(|factor| level(&factor.axis, &factor.value)).collect(),
         })
         .collect();
-    // For each axis, the new place of each level once numbers are sorted by size.
-    let places: Vec<Vec<usize>> = axes.iter_mut().map(in_order).collect();
+    // For each axis, the new place of each level once they are sorted.
+    let places: Vec<Vec<usize>> = axes.iter_mut().map(|axis| in_order(axis, &plan.labels)).collect();
     let place: HashMap<&str, usize> = plan.variants.iter().enumerate().map(|(i, name)| (name.as_str(), i)).collect();
     let levels_of_estimate = |estimate: &Estimate| {
         let mut levels = vec![None; axes.len()];
@@ -498,15 +525,17 @@ fn axes(plan: &RecordedPlan, estimates: &[Estimate]) -> (Vec<Axis>, Vec<Vec<Opti
     (axes, levels)
 }
 
-/// Sorts the levels of a numeric axis. Returns the new place of each level.
-fn in_order(axis: &mut Axis) -> Vec<usize> {
+/// Sorts the levels of an axis, numbers by size, others in the order of their labels. Returns the new place of each
+/// level.
+fn in_order(axis: &mut Axis, labels: &Labels) -> Vec<usize> {
     let number = |level: &String| level.parse().ok().filter(|number: &f64| number.is_finite());
-    let Some(numbers) = axis.levels.iter().map(number).collect::<Option<Vec<f64>>>() else {
-        return (0..axis.levels.len()).collect();
-    };
-    axis.is_numeric = true;
-    let mut order: Vec<usize> = (0..numbers.len()).collect();
-    order.sort_by(|&a, &b| numbers[a].total_cmp(&numbers[b]));
+    let mut order: Vec<usize> = (0..axis.levels.len()).collect();
+    if let Some(numbers) = axis.levels.iter().map(number).collect::<Option<Vec<f64>>>() {
+        axis.is_numeric = true;
+        order.sort_by(|&a, &b| numbers[a].total_cmp(&numbers[b]));
+    } else {
+        order.sort_by_key(|&level| labels.value_place(&axis.name, &axis.levels[level]));
+    }
     let mut places = vec![0; order.len()];
     order.iter().enumerate().for_each(|(place, &level)| places[level] = place);
     axis.levels = order.into_iter().map(|level| std::mem::take(&mut axis.levels[level])).collect();

@@ -11,6 +11,7 @@ use depthloom_scores::{
 
 use crate::error::{AnalysisError, unknown};
 use crate::tables::{Column, RowKey, RowKeys, Rows, key_columns};
+use crate::titles::Titles;
 
 /// The kind that scores disparities; all other kinds score depths.
 const DISPARITY: &str = "score/disparity";
@@ -20,6 +21,12 @@ const DISPARITY: &str = "score/disparity";
 pub struct Estimate {
     /// Its label: `name` if it is the same in all variants, otherwise `variant/name`.
     pub label: String,
+    /// What readers see instead of the label, if the experiment has labels.
+    pub title: String,
+    /// What readers see instead of the variant.
+    pub variant_title: Option<String>,
+    /// What readers see instead of the name.
+    pub name_title: String,
     /// Its name under `estimates:`, as in tables, which have columns for stage and variant.
     pub name: String,
     /// Its stage, and its variant if it is not the same in all variants.
@@ -79,7 +86,8 @@ impl Estimate {
     }
 }
 
-/// The estimates of a recording: first those that all variants share, then variant by variant in the order of the file.
+/// The estimates of a recording: first those that all variants share, then variant by variant. Variants and estimates
+/// with labels come first, in the order of the labels, then the others in the order of the file.
 ///
 /// # Errors
 /// If this version does not know the parameters of a score node, or the plan is damaged.
@@ -90,7 +98,7 @@ pub(crate) fn estimates(plan: &RecordedPlan) -> Result<Vec<Estimate>, AnalysisEr
     let mut labels = HashSet::new();
     let repeated: HashSet<&str> =
         all().map(|(.., e)| e.label.as_str()).filter(|label| !labels.insert(*label)).collect();
-    let row_keys = RowKeys::new(plan);
+    let (row_keys, titles) = (RowKeys::new(plan), Titles::new([plan]));
     let mut ordered = Vec::new();
     for (run, planned, estimate) in all() {
         let scoring = planned.nodes.get(estimate.score_node.0);
@@ -125,8 +133,14 @@ pub(crate) fn estimates(plan: &RecordedPlan) -> Result<Vec<Estimate>, AnalysisEr
             Some(variant) => row_keys.for_some(&planned.stage, &[variant]),
             None => row_keys.shared_by_all(&planned.stage),
         };
-        let place = estimate.variant.map_or(0, |v| v.0 + 1);
+        let variant_place =
+            estimate.variant.map(|v| (plan.labels.variant_place(&plan.variants[v.0], plan.factors_of(v)), v));
+        let place = (variant_place, plan.labels.estimate_place(&estimate.name));
+        let variant = row_key.variant.as_deref();
         let estimate = Estimate {
+            title: titles.full(&label, variant, &estimate.name),
+            variant_title: variant.map(|variant| titles.variant(variant).to_owned()),
+            name_title: titles.estimate(&estimate.name).to_owned(),
             label,
             name: estimate.name.clone(),
             row_key,
@@ -150,7 +164,7 @@ pub(crate) fn estimates(plan: &RecordedPlan) -> Result<Vec<Estimate>, AnalysisEr
         };
         ordered.push((place, estimate));
     }
-    ordered.sort_by_key(|(place, _)| *place);
+    ordered.sort_by(|(one, _), (other, _)| one.cmp(other));
     Ok(ordered.into_iter().map(|(_, estimate)| estimate).collect())
 }
 
@@ -263,6 +277,9 @@ impl Estimate {
     pub(crate) fn of_depths(label: &str, variant: Option<&str>, name: &str, sets: &[PixelSet]) -> Self {
         Self {
             label: label.to_owned(),
+            title: label.to_owned(),
+            variant_title: variant.map(str::to_owned),
+            name_title: name.to_owned(),
             name: name.to_owned(),
             row_key: RowKey { stage: "s".to_owned(), variant: variant.map(str::to_owned), factors: Vec::new() },
             run: RunId(0),

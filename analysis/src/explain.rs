@@ -126,6 +126,13 @@ fn explained(
     }
     let scores = ablation.frames(index, set, zone);
     if scores.iter().all(|score| !score.row.scores.iter().any(|(known, _)| known.name == metric.name)) {
+        if estimate.metrics.contains(&metric) {
+            return Err(AnalysisError::request(
+                format!("`{}` of `{}` has no value on any selected frame", metric.name, estimate.label),
+                "no pixel with ground truth is valid there; `depthloom table RUN --columns density` shows the share of valid pixels"
+                    .to_owned(),
+            ));
+        }
         return Err(AnalysisError::request(
             format!("`{}` was not scored for `{}`", metric.name, estimate.label),
             "add it to `metrics` of its score and run again, or choose another estimate".to_owned(),

@@ -22,6 +22,7 @@ mod samples;
 mod scores;
 mod statistics;
 mod tables;
+mod titles;
 
 pub use ablation::{
     BestValue, BoardRun, Costs, Question, Ranking, Selection, TableRow, answer, best_value, leaderboard,
@@ -43,7 +44,7 @@ pub use input::paper::paper_scores;
 pub use input::rows::{TopicRows, curve_rows, topic_rows};
 pub use input::timings::{Timing, read_timings, timings_table, write_timings};
 pub use page::{PAGE, PAGE_MARK, PageWritten, Surroundings, write_page};
-pub use query::{Bins, By, Inquiry, Outlier, SampleSet, Unit, analyse, samples_match};
+pub use query::{Bins, By, Inquiry, Outlier, SampleSet, SelectedFrames, Unit, analyse, frames_of, samples_match};
 pub use report::{Prepared, ReportOptions, Summary, report, report_with};
 pub use samples::{SAMPLES, SamplesWritten, check_samples, write_samples};
 pub use scores::FrameScore;

@@ -18,6 +18,7 @@ use crate::input::reading;
 use crate::input::timings::Timing;
 use crate::input::warnings::warnings;
 use crate::report::Summary;
+use crate::titles::Titles;
 
 pub use page::PAGE_MARK;
 
@@ -82,7 +83,7 @@ fn written(
         "table": table.map(|table| data::table(table, &estimates)),
         "answers": table.map_or(Ok(Vec::new()), |table| {
             let source = source_keys(recording);
-            data::query_tables(&Ablation::new(plan, &estimates, &scores, &source, None), table)
+            data::query_tables(&Ablation::new(plan, &estimates, &scores, &source, None), table, &Titles::new([plan]))
         })?,
         "estimates": data::estimates(&estimates, &shown),
         "estimates_in_all": estimates.len(),

@@ -12,6 +12,7 @@ mod rows;
 mod scan;
 mod sums;
 
+use std::collections::BTreeSet;
 use std::path::{Path, PathBuf};
 
 pub use bins::Bins;
@@ -20,11 +21,15 @@ use clap::ValueEnum;
 use depthloom_graphs::Key;
 use depthloom_graphs::key::KeyBuilder;
 use depthloom_graphs::language::glob;
+use depthloom_graphs::plan::{FrameIndex, RunId};
+use depthloom_recording::Recording;
 pub(crate) use numbers::numbers;
 pub(crate) use percentiles::{Memory, OUTSIDE, Pass, Tally, percentiles, place};
 pub(crate) use scan::scan;
 
+use crate::ablation::{Selection, selected_frames};
 use crate::error::{AnalysisError, caught};
+use crate::input::frame_choice::FrameChoice;
 use crate::samples::{Described, DescribedEstimate, Part, SamplesFile};
 use crate::tables::COMMON;
 use crate::tables::Table;
@@ -51,6 +56,8 @@ pub struct Inquiry {
     pub unit: Unit,
     /// The limit beyond which an error is an outlier.
     pub outlier: Outlier,
+    /// The frames; `None`: all.
+    pub frames: Option<SelectedFrames>,
 }
 
 impl Default for Inquiry {
@@ -67,8 +74,25 @@ impl Default for Inquiry {
             sets: vec![SampleSet::Valid],
             unit: Unit::Metres,
             outlier: Outlier::OfTruth(0.25),
+            frames: None,
         }
     }
+}
+
+/// The selected frames of each samples file: stage and frame id.
+pub type SelectedFrames = Vec<BTreeSet<(String, String)>>;
+
+/// The selected frames of a recording, as a query of its samples expects them.
+///
+/// # Errors
+/// If no frame is selected, or a selected frame does not exist.
+pub fn frames_of(recording: &Recording, choice: &FrameChoice) -> Result<BTreeSet<(String, String)>, AnalysisError> {
+    let selection = Selection { frames: Some(choice.clone()), ..Selection::default() };
+    let frames = selected_frames(recording, &selection)?.unwrap_or_default();
+    let named = |(run, position): (RunId, FrameIndex)| {
+        (recording.plan().runs[run].stage.clone(), recording.frames(run)[position.0].id.to_string())
+    };
+    Ok(frames.into_iter().map(named).collect())
 }
 
 /// The quantity that samples are binned by.
@@ -201,8 +225,9 @@ pub(crate) fn analyse_frames(
             files.iter().map(|(run, path)| Ok((run.as_str(), SamplesFile::open(path)?))).collect();
         let opened = opened?;
         let mut jobs = Vec::new();
-        for (run, file) in &opened {
-            jobs.extend(jobs_of(run, file, inquiry)?);
+        for (place, (run, file)) in opened.iter().enumerate() {
+            let frames = inquiry.frames.as_ref().map(|frames| &frames[place]);
+            jobs.extend(jobs_of(run, file, inquiry, frames)?);
         }
         if jobs.is_empty() {
             return Err(no_samples(&opened, inquiry));
@@ -228,9 +253,16 @@ pub(crate) fn analyse_frames(
 }
 
 /// The jobs of a query: one per stage, scoring, pixel set and binning column.
-fn jobs_of<'a>(run: &'a str, file: &'a SamplesFile, inquiry: &Inquiry) -> Result<Vec<Job<'a>>, AnalysisError> {
+fn jobs_of<'a>(
+    run: &'a str,
+    file: &'a SamplesFile,
+    inquiry: &Inquiry,
+    frames: Option<&BTreeSet<(String, String)>>,
+) -> Result<Vec<Job<'a>>, AnalysisError> {
     let mut populations: Vec<(&str, &str, Vec<&Part>)> = Vec::new();
-    for part in &file.parts {
+    let is_selected =
+        |part: &&Part| frames.is_none_or(|frames| frames.contains(&(part.stage.to_string(), part.frame.to_string())));
+    for part in file.parts.iter().filter(is_selected) {
         match populations.iter_mut().find(|(stage, scoring, _)| *stage == &*part.stage && *scoring == &*part.scoring) {
             Some((.., parts)) => parts.push(part),
             None => populations.push((&part.stage, &part.scoring, vec![part])),
@@ -343,6 +375,11 @@ fn no_samples(files: &[(&str, SamplesFile)], inquiry: &Inquiry) -> AnalysisError
             "there are no samples: no frame has a scored pixel with ground truth".to_owned(),
             "`depthloom check --data` describes the ground truth of a source".to_owned(),
         )
+    } else if inquiry.frames.is_some() {
+        (
+            "no selected frame has a sample of the selected estimates".to_owned(),
+            "choose other frames with `--frames`".to_owned(),
+        )
     } else if inquiry.by == By::Weight && !has_weights {
         (
             "no confidence was recorded, which `--by weight` needs".to_owned(),
@@ -363,7 +400,7 @@ fn no_samples(files: &[(&str, SamplesFile)], inquiry: &Inquiry) -> AnalysisError
 ///
 /// # Errors
 /// If the file cannot be read.
-pub fn samples_match(file: &Path, recording: &depthloom_recording::Recording) -> Result<bool, AnalysisError> {
+pub fn samples_match(file: &Path, recording: &Recording) -> Result<bool, AnalysisError> {
     caught(|| match SamplesFile::open(file) {
         Ok(file) => Ok(file.described.matches(recording)),
         Err(AnalysisError::Request { .. } | AnalysisError::Compute { .. }) => Ok(false),

@@ -22,6 +22,7 @@ use crate::input::unscored::Unscored;
 use crate::scores::{incomplete_frames, table_of_scores};
 use crate::statistics::Resampling;
 use crate::tables::{Table, plan_key};
+use crate::titles::Titles;
 
 use figure::{Figure, render};
 
@@ -255,14 +256,18 @@ fn write_scores(
         return Ok(Scored { table: None, scored: true, unscored, incomplete });
     }
     let scores = ScoreTable::new(&ablation, &rows, &all, options.paper, options.intervals, output.stop)?;
-    let table = Table { label: plan.experiment.clone(), ..scores.table() };
+    let titles = Titles::new([plan]);
+    let mut table = Table { label: plan.experiment.clone(), ..scores.table() };
+    titles.apply(&mut table);
     output.write_table("table", &run, &table)?;
     // Many variants are shown as rows, and only the best are printed.
     let (all, printed, more) = match plan.variants.len() > MOST_IN_COLUMNS && !options.paper {
         true => {
             let ranked = |top: Option<usize>| {
                 let ranking = Ranking { top, intervals: options.intervals, ..Ranking::default() };
-                ranking.table(&ablation, &all, output.stop)
+                let mut table = ranking.table(&ablation, &all, output.stop)?;
+                titles.apply(&mut table);
+                Ok::<_, AnalysisError>(table)
             };
             (ranked(None)?, ranked(Some(PRINTED))?, MORE)
         }
@@ -289,7 +294,8 @@ fn write_distances(
     }
     output.write_table("error_vs_distance", &plan_key(recording.plan()), &table)?;
     output.write_csv("true_distances.csv", &distances.table_of_truth(recording.plan()))?;
-    let figure = Figure { estimates, bins: &distances.bins, truth: &distances.truth_of_all() };
+    let (truth, titles) = (distances.truth_of_all(), Titles::new([recording.plan()]));
+    let figure = Figure { estimates, bins: &distances.bins, truth: &truth, titles: &titles };
     output.write("error_vs_distance.svg", render(&figure).as_bytes())?;
     Ok(distances)
 }

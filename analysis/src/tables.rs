@@ -15,7 +15,10 @@ mod parquet;
 mod row_key;
 mod terminal;
 
+use depthloom_recording::Recording;
 use depthloom_scores::Metric;
+
+use crate::titles::Titles;
 
 pub(crate) use column::{Cells, Column, Format, Rows};
 pub(crate) use json::JsonRow;
@@ -110,6 +113,11 @@ impl Table {
     /// Appends notes.
     pub fn add_notes(&mut self, notes: impl IntoIterator<Item = String>) {
         self.notes.extend(notes);
+    }
+
+    /// Shows the labels of these recordings instead of the names of estimates, variants and axes. Files keep the names.
+    pub fn show_labels(&mut self, recordings: &[Recording]) {
+        Titles::new(recordings.iter().map(Recording::plan)).apply(self);
     }
 
     /// Replaces caption, label and decimals if given.

@@ -85,6 +85,7 @@ mod tests {
             description: String::new(),
             variants: vec![String::new()],
             factors: Vec::new(),
+            labels: crate::plan::Labels::default(),
             runs: vec![
                 run(vec![node("network", source()), node("reader", here(0)), node("beside", source())]),
                 run(vec![node("later", once), node("alone", source())]),

@@ -7,6 +7,7 @@ mod change;
 mod check;
 mod document;
 mod ids;
+mod labels;
 mod load;
 mod plan;
 mod text;

@@ -9,6 +9,7 @@ mod counted;
 mod fingerprints;
 mod ids;
 pub mod key;
+mod labels;
 pub mod language;
 mod message;
 mod natural_order;

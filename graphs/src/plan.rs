@@ -8,6 +8,7 @@ use serde_json::Value as Json;
 use crate::contracts::{Contract, Fault, Frame, Observation, Port, Slot};
 pub use crate::ids::{FrameIndex, NodeId, NodeRef, PartId, PortId, RunId, VariantId};
 use crate::key::Key;
+pub use crate::labels::{AxisLabels, Label, Labels};
 use crate::language::glob;
 
 /// An experiment, ready to be built and run.
@@ -21,6 +22,8 @@ pub struct Plan {
     pub variants: Vec<String>,
     /// By variant, the values of the axes of `matrix`; empty without a matrix.
     pub factors: Vec<Vec<Factor>>,
+    /// The labels of estimates, variants and axes.
+    pub labels: Labels,
     /// The stage runs, in the order they are executed.
     pub runs: Vec<StageRun>,
     /// What is recorded.

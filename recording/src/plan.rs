@@ -6,7 +6,8 @@ use std::collections::BTreeMap;
 
 use depthloom_graphs::contracts::Slot;
 use depthloom_graphs::plan::{
-    Factor, NodeId, Origin, Plan, PlannedInput, PlannedOutput, PlannedSource, PortId, RunId, StageRun, VariantId,
+    Factor, Labels, NodeId, Origin, Plan, PlannedInput, PlannedOutput, PlannedSource, PortId, RunId, StageRun,
+    VariantId,
 };
 use depthloom_graphs::{Key, Rate, ValueType};
 use serde::{Deserialize, Serialize};
@@ -26,6 +27,9 @@ pub struct RecordedPlan {
     /// without a matrix.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub factors: Vec<Vec<Factor>>,
+    /// The labels of estimates, variants and axes.
+    #[serde(default, skip_serializing_if = "Labels::is_empty")]
+    pub labels: Labels,
     /// Only the first of this many frames of a stage run has its values recorded (in 0.1.0: frames whose index is a
     /// multiple of it).
     pub every: u64,
@@ -161,6 +165,7 @@ impl RecordedPlan {
             description: plan.description.clone(),
             variants: plan.variants.clone(),
             factors: plan.factors.clone(),
+            labels: plan.labels.clone(),
             every: plan.record.every,
             view: plan.record.view,
             runs: plan.runs.iter().map(|run| recorded_run(plan, run)).collect(),

@@ -79,6 +79,7 @@
 //!     description: String::new(),
 //!     variants: vec![String::new()],
 //!     factors: vec![],
+//!     labels: Default::default(),
 //!     runs: vec![stage],
 //!     record: Record { every: 1, view: false, points: Vec::new() },
 //!     written: vec![],

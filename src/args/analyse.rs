@@ -4,7 +4,7 @@ use std::path::PathBuf;
 
 use clap::Args;
 use clap_complete::engine::ArgValueCompleter;
-use depthloom_analysis::{Bins, Outlier, SampleSet};
+use depthloom_analysis::{Bins, FrameChoice, Outlier, SampleSet};
 
 use super::{PartArgs, RunsFolder, TableOutputArgs};
 use crate::completion::runs;
@@ -57,6 +57,12 @@ pub(crate) struct AnalyseArgs {
     #[command(flatten)]
     pub part: PartArgs,
 
+    /// Use only these frames (default: all).
+    ///
+    /// They are numbers (`3`, `3,7`, `0..4`, `1..=40`), ids (`000150_10`), or a text file with one frame id per line.
+    #[arg(long, value_name = "FRAMES", value_parser = FrameChoice::parse)]
+    pub frames: Option<FrameChoice>,
+
     /// Use these pixel sets.
     ///
     /// `valid` is each estimate on its own valid pixels; `common` is the pixels that are valid in all estimates.
@@ -80,7 +86,7 @@ pub(crate) struct AnalyseArgs {
     /// into the run's folder, or to `--out`.
     #[arg(
         long,
-        conflicts_with_all = ["by", "bins", "percentiles", "estimates", "variant", "stage", "pixels", "relative", "outlier", "format"]
+        conflicts_with_all = ["by", "bins", "percentiles", "estimates", "variant", "stage", "frames", "pixels", "relative", "outlier", "format"]
     )]
     pub samples_only: bool,
 

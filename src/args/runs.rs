@@ -29,6 +29,9 @@ pub(crate) struct RunsArgs {
     pub command: Option<RunsCommand>,
 
     #[command(flatten)]
+    pub filter: ListFilter,
+
+    #[command(flatten)]
     pub folder: RunsFolder,
 
     /// Print one JSON object instead of text.
@@ -81,7 +84,7 @@ pub(crate) enum RunsCommand {
     Prune(PruneArgs),
 }
 
-#[derive(Debug, Default, Args)]
+#[derive(Debug, Args)]
 #[command(after_long_help = examples![
     guide: "how-to/manage-runs.md",
     "runs list" => "the runs in the folder `runs`",
@@ -90,6 +93,13 @@ pub(crate) enum RunsCommand {
     "runs list --where tag=paper --names" => "names alone, for `depthloom table $(...)`",
 ])]
 pub(crate) struct ListArgs {
+    #[command(flatten)]
+    pub filter: ListFilter,
+}
+
+/// Which runs are listed, and how.
+#[derive(Clone, Debug, Default, Args, PartialEq)]
+pub(crate) struct ListFilter {
     /// List only runs that fulfil this condition, e.g. `compare.stereo.with.block=5`.
     ///
     /// The operators are = != < <= > >=. On the left is the path of a parameter with its defaults filled in

@@ -4,7 +4,7 @@ use std::path::PathBuf;
 
 use clap::{Args, ValueEnum};
 use clap_complete::engine::{ArgValueCandidates, ArgValueCompleter};
-use depthloom_analysis::{FrameChoice, Mean, PixelSet, Resampling, Selection, Typesetting};
+use depthloom_analysis::{FrameChoice, Grouping, Mean, PixelSet, Resampling, Selection, Typesetting};
 
 use super::{JsonArgs, RunArg, RunsFolder, TableOutputArgs, compare::parse_confidence};
 use crate::completion::{columns, metrics, runs};
@@ -134,6 +134,7 @@ impl TypesettingArgs {
     "table @latest --best-per-zone abs_rel" => "which setting is best in which zone",
     "table @latest --effects ms" => "what each axis costs",
     "table @latest --pareto abs_rel,ms" => "the best trade-offs between error and time",
+    "table @latest --columns abs_rel --ci --group blocks:2" => "intervals that resample blocks of frames of a video",
     "table @latest --top 8 --format latex --out variants.tex" => "for a paper",
 ])]
 pub(crate) struct TableArgs {
@@ -213,6 +214,16 @@ pub(crate) struct TableArgs {
     /// Seed the resampling of `--ci`: equal seeds give equal intervals.
     #[arg(long, value_name = "N", default_value_t = 1, requires = "ci")]
     pub seed: u64,
+
+    /// Resample groups of frames with `--ci`, e.g. `sequence` (default: each frame).
+    ///
+    /// Use it for video, whose frames are correlated: intervals over single frames are then too narrow.
+    ///
+    /// - `sequence`: a group ends where the folder in the frame's id changes, or where ids stop rising
+    /// - `blocks:N`: N of the scored frames, in their order
+    /// - a CSV file with the columns `frame,group`
+    #[arg(long, value_name = "GROUPS", value_parser = Grouping::parse, requires = "ci", verbatim_doc_comment)]
+    pub group: Option<Grouping>,
 
     #[command(flatten)]
     pub typesetting: TypesettingArgs,

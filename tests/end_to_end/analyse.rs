@@ -217,3 +217,40 @@ fn a_run_that_cannot_write_its_samples_fails_before_its_first_frame() {
     assert!(error.contains(missing) && error.contains("or run without --samples"), "{error}");
     assert_eq!(folder.path().read_dir().expect("a folder").count(), 0, "nothing was written");
 }
+
+#[test]
+fn selected_frames_are_those_of_a_run_with_these_frames() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let run = small(folder.path());
+    let few = folder.path().join("few");
+    let small = ["--set", "sources.street.with.width=320", "--set", "sources.street.with.height=96"];
+    succeed(
+        depthloom()
+            .args([
+                "run",
+                "--no-page",
+                "experiments/first-look.yaml",
+                "--quiet",
+                "--set",
+                "sources.street.with.frames=1..3",
+            ])
+            .args(small)
+            .arg("--out")
+            .arg(&few),
+    );
+    let csv = |run: &Path, more: &[&str]| {
+        let out = folder.path().join("bins.csv");
+        succeed(depthloom().arg("analyse").arg(run).args(["--format", "csv", "--out"]).arg(&out).args(more));
+        std::fs::read_to_string(&out).expect("a table")
+    };
+    assert_eq!(csv(&run, &["--frames", "1..3"]), csv(&few, &[]));
+    assert_ne!(csv(&run, &[]), csv(&few, &[]));
+    let refused = |run: &Path, frames: &str| {
+        let output = depthloom().arg("analyse").arg(run).args(["--frames", frames]).output().expect("started");
+        assert_eq!(output.status.code(), Some(2));
+        String::from_utf8_lossy(&output.stderr).into_owned()
+    };
+    assert!(refused(&run, "99").contains("99"));
+    let samples = refused(&run.join("samples.parquet"), "1");
+    assert!(samples.contains("--frames needs a run"), "{samples}");
+}

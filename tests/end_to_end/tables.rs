@@ -507,3 +507,68 @@ stages:
     let stderr = String::from_utf8_lossy(&output.stderr);
     assert!(!output.status.success() && stderr.contains("both `deviation` and `confidence`"), "{stderr}");
 }
+
+#[test]
+fn labels_are_shown_in_tables_and_figures_and_change_no_result() {
+    const LABELS: &str = "labels:
+  estimates: { smooth: Median (3 x 3), raw: }
+  variants: { block=9+uniqueness=0+mode=hh: Winner }
+  axes: { block: Block size, mode: { label: Paths, values: { sgbm: five, hh: eight } } }
+";
+    let folder = tempfile::tempdir().expect("a folder");
+    let (plain, _) = run(folder.path(), SWEEP);
+    let (file, labelled) = (folder.path().join("labelled.yaml"), folder.path().join("labelled"));
+    std::fs::write(&file, format!("{SWEEP}{LABELS}")).expect("written");
+    let output = succeed(depthloom().args(["run", "--no-page"]).arg(&file).arg("--out").arg(&labelled));
+    assert!(!String::from_utf8_lossy(&output.stderr).contains("warning"), "{}", text(&output));
+    let ranked = text(&table(&labelled, &["--columns", "abs_rel", "--sort", "block"]));
+    for part in ["Block size", "Paths", "five", "eight", "Median (3 x 3)"] {
+        assert!(ranked.contains(part), "{part} is not in {ranked}");
+    }
+    assert!(!ranked.contains("sgbm"), "{ranked}");
+    let markdown = std::fs::read_to_string(labelled.join("table.md")).expect("a table");
+    let places = ["Winner", "Block size 3"].map(|part| markdown.find(part).expect(part));
+    assert!(places[0] < places[1], "the labelled variant is first: {markdown}");
+    let effects = text(&table(&labelled, &["--effects", "abs_rel"]));
+    assert!(effects.contains("Block size") && effects.contains("five"), "{effects}");
+    let figure = folder.path().join("figure.svg");
+    succeed(depthloom().arg("figure").arg(&labelled).args(["parameter", "--axes", "block", "--out"]).arg(&figure));
+    let svg = std::fs::read_to_string(&figure).expect("a figure");
+    assert!(svg.contains("Block size") && svg.contains("Median (3 x 3)"), "{svg}");
+    // Files for programs have names and the same numbers.
+    let rows = |run: &Path| -> BTreeMap<String, Row> {
+        read_csv(&run.join("table.csv"))
+            .into_iter()
+            .map(|row| (format!("{} {}", label(&row), row["set"]), row))
+            .collect()
+    };
+    assert_eq!(rows(&plain), rows(&labelled));
+}
+
+#[test]
+fn intervals_of_groups_of_frames_match_those_of_compare_and_single_frames() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let (run, _) = run(folder.path(), &SWEEP.replace("0..2", "0..6").replace("[hh, sgbm]", "[hh]"));
+    let csv = |arguments: &[&str]| {
+        let path = folder.path().join("rows.csv");
+        let out =
+            ["--columns", "abs_rel", "--estimates", "raw", "--format", "csv", "--out", path.to_str().expect("UTF-8")];
+        table(&run, &[&out, arguments].concat());
+        read_csv(&path)
+    };
+    let width = |row: &Row| number(row, "abs_rel_high") - number(row, "abs_rel_low");
+    let (single, groups) = (csv(&["--ci"]), csv(&["--ci", "--group", "blocks:2"]));
+    assert!(single.iter().zip(&groups).all(|(one, other)| one["abs_rel"] == other["abs_rel"]));
+    assert!(single.iter().zip(&groups).any(|(one, other)| width(one) != width(other)));
+    // Groups of one frame are frames.
+    let file = folder.path().join("groups.csv");
+    let frames: String =
+        read_csv(&run.join("scores.csv")).iter().map(|row| format!("{},{0}\n", row["frame"])).collect();
+    let frames: std::collections::BTreeSet<&str> = frames.lines().collect();
+    let frames = frames.into_iter().collect::<Vec<_>>().join("\n");
+    std::fs::write(&file, format!("frame,group\n{frames}\n")).expect("written");
+    assert_eq!(csv(&["--ci", "--group", file.to_str().expect("UTF-8")]), single);
+    let printed = text(&table(&run, &["--columns", "abs_rel", "--ci", "--group", "blocks:3"]));
+    assert!(printed.contains("bootstrap over blocks of 3 frames"), "{printed}");
+    assert!(refused(&run, &["--group", "sequence"]).contains("--ci"));
+}

@@ -47,6 +47,7 @@ const EDITS: &[(usize, Edit)] = &[
     (3, replace_source),
     (3, reorder_join),
     (5, change_record),
+    (4, change_labels),
     (6, change_image),
     (4, exchange_images),
     (2, add_or_remove_frame),
@@ -420,6 +421,20 @@ fn reorder_join(state: &mut State, random: &mut Random, earlier: &[EarlierRun]) 
 fn change_record(state: &mut State, random: &mut Random, _: &[EarlierRun]) -> Option<String> {
     state.experiment.record = generate::record(random, &state.experiment);
     Some("other record settings".to_owned())
+}
+
+fn change_labels(state: &mut State, random: &mut Random, _: &[EarlierRun]) -> Option<String> {
+    let ids: Vec<Id> = state.experiment.labelled().into_iter().flatten().map(|(id, _)| id).collect();
+    let id = ids[one(random, ids.len())?];
+    let number = random.below(3);
+    let labels = &mut state.experiment.labels;
+    let before = labels.len();
+    labels.retain(|(known, _)| *known != id);
+    let place = random.below(labels.len() + 1);
+    if before == labels.len() || random.chance(2) {
+        labels.insert(place, (id, number));
+    }
+    Some("other labels".to_owned())
 }
 
 /// The paths of the files of a kind.

@@ -19,6 +19,8 @@ pub(crate) struct Experiment {
     /// The matrix, of one axis.
     pub axis: Option<Axis>,
     pub record: Record,
+    /// The estimates and variants with labels, in the order of the labels, each with the number in its text.
+    pub labels: Vec<(Id, usize)>,
     /// The number that the next new part gets.
     pub next_id: Id,
 }
@@ -357,6 +359,30 @@ impl Experiment {
         (!record.is_empty()).then_some(Json::Object(record))
     }
 
+    /// The estimates, then the variants, by number and name; of estimates with one name the first.
+    pub(crate) fn labelled(&self) -> [Vec<(Id, &str)>; 2] {
+        let mut known = BTreeSet::new();
+        let scores = self.stages.iter().filter_map(|stage| stage.score.as_ref());
+        let estimates = scores.flat_map(|score| score.estimates.iter().map(|own| (own.id, own.name.as_str())));
+        let estimates = estimates.filter(|(_, name)| known.insert(*name)).collect();
+        [estimates, self.variants.iter().map(|variant| (variant.id, variant.name.as_str())).collect()]
+    }
+
+    fn labels_yaml(&self) -> String {
+        let mut text = String::new();
+        for (section, named) in ["estimates", "variants"].into_iter().zip(self.labelled()) {
+            let label = |(id, number): &(Id, usize)| {
+                let (_, name) = named.iter().find(|(known, _)| known == id)?;
+                Some(format!("    {name}: Label {number} of {id}\n"))
+            };
+            let labels: String = self.labels.iter().filter_map(label).collect();
+            if !labels.is_empty() {
+                text.push_str(&format!("  {section}:\n{labels}"));
+            }
+        }
+        if text.is_empty() { text } else { format!("labels:\n{text}") }
+    }
+
     /// The experiment file; `program` is the path of the program that processes run.
     pub(crate) fn yaml(&self, program: &str) -> String {
         let mut text = "experiment: random\nsources:\n".to_owned();
@@ -413,6 +439,7 @@ impl Experiment {
         {
             text.push_str(&format!("matrix: {}\n", with_program(&json!({ path: axis.values }), program)));
         }
+        text.push_str(&self.labels_yaml());
         if let Some(record) = self.record_yaml() {
             text.push_str(&format!("record: {record}\n"));
         }

@@ -101,6 +101,7 @@ pub(crate) fn experiment(random: &mut Random, earlier: &[EarlierRun]) -> Experim
         variants: Vec::new(),
         axis: None,
         record: Record::default(),
+        labels: Vec::new(),
         next_id: 0,
     };
     for _ in 0..1 + random.below(2) {

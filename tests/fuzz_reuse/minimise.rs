@@ -67,6 +67,7 @@ pub(crate) fn minimise(runner: &Runner, mut sequence: Sequence, mut failure: Fai
     simplify(&|sequence| steps(sequence, &|state| state.keeps_going = false));
     simplify(&|sequence| steps(sequence, &|state| state.experiment.axis = None));
     simplify(&|sequence| steps(sequence, &|state| state.environment.clear()));
+    simplify(&|sequence| steps(sequence, &|state| state.experiment.labels.clear()));
     simplify(&|sequence| steps(sequence, &|state| state.experiment.record = crate::experiment::Record::default()));
     simplify(&|sequence| {
         let files = sequence.steps[0].state.files.clone();

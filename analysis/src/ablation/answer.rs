@@ -7,7 +7,7 @@ use depthloom_graphs::plan::{FrameIndex, RunId};
 use depthloom_recording::Recording;
 
 use super::shared::shared_scores;
-use super::{Ablation, Costs, Ranking, ScoreTable, Selection, effects, zones};
+use super::{Ablation, Costs, FrameGroups, Ranking, ScoreTable, Selection, effects, zones};
 use crate::error::{AnalysisError, caught};
 use crate::estimates::{Estimate, estimates};
 use crate::input::condition::recording_notes;
@@ -15,6 +15,7 @@ use crate::input::reading;
 use crate::scores::{FrameScore, incomplete_frames};
 use crate::statistics::Resampling;
 use crate::tables::Table;
+use crate::titles::Titles;
 
 /// Selects the kind of table.
 #[derive(Clone, Debug, PartialEq)]
@@ -44,7 +45,9 @@ pub fn answer(
     caught(|| {
         let (estimates, scores) = selected_scores(recording, selection, stop)?;
         let source = source_keys(recording);
-        let ablation = Ablation::new(recording.plan(), &estimates, &scores, &source, costs);
+        let groups = selection.grouping.as_ref();
+        let groups = groups.map(|grouping| FrameGroups::new(recording, &estimates, &scores, grouping)).transpose()?;
+        let ablation = Ablation::new(recording.plan(), &estimates, &scores, &source, costs).with_groups(groups);
         let mut table = match question {
             Question::Ranking(ranking) => ranking.table(&ablation, selection, stop)?,
             Question::Effects(metric) => effects::table(&ablation, selection, metric)?,
@@ -56,6 +59,7 @@ pub fn answer(
                 ScoreTable::new(&ablation, &rows, selection, false, *intervals, stop)?.table()
             }
         };
+        Titles::new([recording.plan()]).apply(&mut table);
         let frames = selected_frames(recording, selection)?;
         table.notes.extend(incomplete_frames(recording, &estimates, &scores, frames.as_ref()));
         table.notes.extend(recording_notes(recording));

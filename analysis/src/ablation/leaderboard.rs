@@ -19,6 +19,7 @@ use crate::input::parameters::parameter_changes;
 use crate::scores::incomplete_frames;
 use crate::tables::best::{Candidate, marks};
 use crate::tables::{Column, Format, Rows, Table};
+use crate::titles::Titles;
 
 /// A run of a [leaderboard](leaderboard()).
 #[derive(Clone, Copy, Debug)]
@@ -69,6 +70,7 @@ pub fn leaderboard(
             check_patterns(patterns, &all)?;
         }
         let mut table = Board::new(runs, &ablations, selection, ranking)?.table(selection, ranking)?;
+        Titles::new(runs.iter().map(|run| run.recording.plan())).apply(&mut table);
         for (run, (estimates, scores)) in runs.iter().zip(&opened) {
             let frames = selected_frames(run.recording, selection)?;
             let notes = incomplete_frames(run.recording, estimates, scores, frames.as_ref());

@@ -102,7 +102,7 @@ impl Ranking {
             }
         }
         if let Some(resampling) = &self.intervals {
-            notes.push(format!("intervals: {}", resampling.about()));
+            notes.push(format!("intervals: {}", ablation.about_intervals(resampling)));
         }
         if measures.contains(&Measure::Density(Part::Disparity)) {
             notes.push(

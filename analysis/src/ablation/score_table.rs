@@ -27,8 +27,8 @@ pub(crate) struct ScoreTable {
     /// The metrics, in display order.
     pub(crate) metrics: Vec<&'static Metric>,
     pub(crate) rows: Vec<ScoreTableRow>,
-    /// The resampling of frames for intervals; `None`: no intervals.
-    intervals: Option<Resampling>,
+    /// Describes the intervals; `None`: no intervals.
+    intervals: Option<String>,
     with_paper: bool,
     /// The zone; the whole image is an empty name.
     zone: String,
@@ -112,10 +112,10 @@ impl ScoreTable {
         let rows = rows.iter().enumerate().map(|(at, row)| {
             let estimate = ablation.estimate(row);
             let has_several_sets = rows.iter().filter(|other| other.estimate == row.estimate).count() > 1;
-            let (group, name) = match (&estimate.row_key.variant, has_several_sets || row.set != PixelSet::All) {
-                (Some(variant), false) => (variant.clone(), estimate.name.clone()),
-                (Some(variant), true) => (variant.clone(), format!("{} {}", estimate.name, row.set)),
-                (None, _) => (estimate.label.clone(), row.set.to_string()),
+            let (group, name) = match (&estimate.variant_title, has_several_sets || row.set != PixelSet::All) {
+                (Some(variant), false) => (variant.clone(), estimate.name_title.clone()),
+                (Some(variant), true) => (variant.clone(), format!("{} {}", estimate.name_title, row.set)),
+                (None, _) => (estimate.title.clone(), row.set.to_string()),
             };
             ScoreTableRow {
                 group,
@@ -135,7 +135,9 @@ impl ScoreTable {
             }
         });
         let label = [vec![format!("{}-scores", ablation.experiment)], selection.label()].concat().join("-");
-        Ok(Self { rows: rows.collect(), metrics, intervals, with_paper, zone: zone.to_owned(), label })
+        let rows = rows.collect();
+        let intervals = intervals.map(|resampling| ablation.about_intervals(&resampling));
+        Ok(Self { rows, metrics, intervals, with_paper, zone: zone.to_owned(), label })
     }
 
     /// The table in any format. Its files have one row per estimate and pixel set: the key columns, the metrics,
@@ -223,7 +225,7 @@ impl ScoreTable {
         let intervals = self
             .intervals
             .as_ref()
-            .map_or_else(String::new, |resampling| format!(", intervals in square brackets ({})", resampling.about()));
+            .map_or_else(String::new, |about| format!(", intervals in square brackets ({about})"));
         let fewer = self.rows.iter().filter(|row| row.frames < most);
         let fewer: Vec<String> = fewer.map(|row| format!("{} on {}: {}", row.label, row.set, row.frames)).collect();
         let fewer = if fewer.is_empty() { String::new() } else { format!(" ({})", fewer.join(", ")) };

@@ -25,6 +25,7 @@ use crate::input::condition::recording_notes;
 use crate::query::Bins;
 use crate::samples::SamplesFile;
 use crate::statistics::{Interval, SignedRank, Statistic as FrameStatistic, holm};
+use crate::titles::Titles;
 use median::Median;
 use read::{BinPixels, Pixels};
 
@@ -166,7 +167,9 @@ pub fn compare_by_distance(
             notes.extend(recording_notes(run.recording).into_iter().map(|note| format!("{prefix}{note}")));
         }
         let key = crate::tables::plan_key(runs[first.run].recording.plan());
-        Ok(table::comparison(pairs, notes, options, key, runs.len() > 1))
+        let mut comparison = table::comparison(pairs, notes, options, key, runs.len() > 1);
+        Titles::new(runs.iter().map(|run| run.recording.plan())).apply(&mut comparison.table);
+        Ok(comparison)
     })
 }
 

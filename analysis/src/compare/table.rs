@@ -16,6 +16,7 @@ use crate::input::parameters::{Changed, changed};
 use crate::scores::averaged;
 use crate::statistics::Interval;
 use crate::tables::{COMMON, Column, DIMENSIONLESS, Level, Rows, Table, plan_key, unit_of};
+use crate::titles::Titles;
 
 /// The maximum number of sides in a heading, and of parameters below the table.
 const NAMED: usize = 4;
@@ -74,6 +75,7 @@ impl<'a> Compared<'a> {
             notes,
             ..Table::new(self.columns())
         };
+        Titles::new(self.run_scores.iter().map(|scores| scores.run.recording.plan())).apply(&mut table);
         table.typeset(&options.typesetting);
         let parameters = self
             .others()
@@ -199,7 +201,7 @@ impl<'a> Compared<'a> {
             None => "frames".to_owned(),
             Some(grouping) => {
                 let units: Vec<usize> = self.contrasts.iter().map(|contrast| contrast.units).collect();
-                format!("{} {}", units.iter().max().unwrap_or(&0), grouping.unit())
+                grouping.counted(units.iter().max().copied().unwrap_or(0))
             }
         };
         let test = match method.tests {
@@ -329,7 +331,11 @@ impl Comparison {
     pub fn terminal(&self, width: usize) -> String {
         let mut text = self.table.terminal(width);
         for limit in &self.output.limits {
-            text.push_str(&format!("{}: {}\n", if limit.exceeded { "FAILS" } else { "holds" }, limit.text));
+            text.push_str(&format!(
+                "{}: {}\n",
+                if limit.exceeded { "limit exceeded" } else { "within limit" },
+                limit.text
+            ));
         }
         let differing = self.differing();
         if !differing.is_empty() {

@@ -11,6 +11,7 @@ use crate::compare::{CompareOptions, ComparedRun, DistancePair, DistanceRow, Sid
 use crate::error::{AnalysisError, listed};
 use crate::estimates::{Estimate, estimate_names, estimates};
 use crate::query::is_any;
+use crate::titles::Titles;
 
 const BAND_OPACITY: f64 = 0.28;
 const HANDOVER: Stroke = Stroke::new(BLACK, 0.8).dashed(&[3.0, 1.5]);
@@ -35,7 +36,12 @@ pub(super) fn difference(
         return Err(AnalysisError::request(what, "name two estimates with `--estimates`".to_owned()));
     };
     let few = FEW.min(pair.frames);
-    let titles = [0, 1].map(|side| pair.estimates[side].title.as_str());
+    let labels = Titles::new(runs.iter().map(|run| run.recording.plan()));
+    let titles = [0, 1].map(|side| {
+        let own = &pair.estimates[side];
+        labels.full(&own.title, own.variant.as_deref(), &own.estimate)
+    });
+    let titles = titles.each_ref().map(String::as_str);
     let ([baseline, other], level) = (distinguished(titles), request.resampling.level());
     let mut legend = vec![
         Entry::new(format!("{other} minus {baseline}"), Swatch::Line(Stroke::new(DIFFERENCE, LINE_PT))),

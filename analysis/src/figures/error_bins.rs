@@ -6,6 +6,7 @@ use super::{FigureRequest, FigureRun};
 use crate::error::AnalysisError;
 use crate::query::{Inquiry, SampleSet, Unit, analyse_frames};
 use crate::tables::Table;
+use crate::titles::Titles;
 
 /// The bins of an estimate over a pixel set.
 pub(super) struct Errors {
@@ -40,10 +41,11 @@ pub(super) fn read_errors(
     let (estimates, variants, stages) = (request.estimates.clone(), request.variants.clone(), request.stages.clone());
     let inquiry = Inquiry { estimates, variants, stages, ..inquiry };
     let (grid, _, frames) = analyse_frames(&files, &inquiry, watch.progress, watch.stop)?;
-    Ok((by_estimate(&grid, &inquiry), grid, frames))
+    let titles = Titles::new(runs.iter().map(|run| run.recording.plan()));
+    Ok((by_estimate(&grid, &inquiry, &titles), grid, frames))
 }
 
-fn by_estimate(grid: &Table, inquiry: &Inquiry) -> Vec<Errors> {
+fn by_estimate(grid: &Table, inquiry: &Inquiry, titles: &Titles) -> Vec<Errors> {
     let text = |name: &str, row: usize| grid.text_of(name, row).unwrap_or_default();
     let number = |names: &[&str], row: usize| names.iter().find_map(|name| grid.number_of(name, row)).unwrap_or(0.0);
     let several = |name: &&str| (1..grid.height()).any(|row| text(name, row) != text(name, 0));
@@ -51,7 +53,7 @@ fn by_estimate(grid: &Table, inquiry: &Inquiry) -> Vec<Errors> {
     let (before, after) = if inquiry.unit == Unit::Metres { ("", "_m") } else { ("relative_", "") };
     let key = |row: usize| {
         let group = distinct(groups.iter().map(|name| text(name, row))).join(" ");
-        let place = Place { name: text("estimate", row), group, variant: grid.text_of("variant", row) };
+        let place = titles.place(text("estimate", row), group, grid.text_of("variant", row));
         (place, text("set", row) == SampleSet::Common.name())
     };
     let bin = |row: usize| ErrorBin {

@@ -111,7 +111,8 @@ impl PanelMaps {
         for estimate in estimates {
             let topic = shown.topic(estimate.estimate_topic.as_deref().unwrap_or_default());
             let aligned = estimate.settings.filter(|settings| settings.align != Align::None);
-            let name = if aligned.is_some() { format!("{}, aligned", estimate.name) } else { estimate.name.clone() };
+            let title = &estimate.name_title;
+            let name = if aligned.is_some() { format!("{title}, aligned") } else { title.clone() };
             shown.aligned.extend(aligned.map(|settings| (topic, settings)));
             depths.push((&estimate.name, topic));
             shown.rows.push((name, Row::Depth(topic)));

@@ -105,7 +105,7 @@ fn points<'a>(scores: &'a Scores<'_>, axes: &[usize]) -> Vec<Point<'a>> {
             let without = point_levels.iter().zip(axes).find(|(level, _)| level.is_none()).map(|(_, axis)| *axis);
             let label = match (without, &own[..]) {
                 (None, _) => name.to_owned(),
-                (Some(_), [only]) => scores.estimate(only).label.clone(),
+                (Some(_), [only]) => scores.estimate(only).title.clone(),
                 (Some(axis), _) => format!("{name} without {}", scores.ablation.axes[axis].name),
             };
             let adjusted = match &means {
@@ -133,13 +133,16 @@ fn line(scores: &Scores<'_>, axis: usize, points: &[Point<'_>]) -> Sheet {
     let (x, place): (Axis, Box<dyn Fn(usize) -> f64>) = match numbers.filter(|_| axis.is_numeric) {
         Some(numbers) => {
             let used = points.iter().filter_map(|point| Some(numbers[point.levels[0]?]));
-            let x = Axis::around(used.clone(), 0.04, axis.name.clone());
+            let x = Axis::around(used.clone(), 0.04, scores.titles.axis(&axis.name).to_owned());
             let mut used: Vec<f64> = distinct(used);
             used.sort_by(f64::total_cmp);
             // Few values are used as ticks of the axis.
             (if used.len() <= 10 { x.with_ticks(used) } else { x }, Box::new(move |level| numbers[level]))
         }
-        None => (Axis::names(&axis.levels, axis.name.clone()), Box::new(|level| level as f64 + 0.5)),
+        None => {
+            let x = Axis::names(&shown_levels(scores, axis), scores.titles.axis(&axis.name).to_owned());
+            (x, Box::new(|level| level as f64 + 0.5))
+        }
     };
     let mut panel = Panel::new("", x, Axis::around(points.iter().map(|point| point.mean), 0.04, scores.label()));
     panel.aspect = Some(0.45);
@@ -164,9 +167,14 @@ fn line(scores: &Scores<'_>, axis: usize, points: &[Point<'_>]) -> Sheet {
         let tint = tint(&names, name);
         panel.items.push(Item::Line(curve.clone(), Stroke::new(tint, LINE_PT)));
         panel.items.push(Item::Dots(curve, 2.0, Fill::new(tint, 1.0)));
-        legend.push(Entry::new(*name, Swatch::Line(Stroke::new(tint, LINE_PT))));
+        legend.push(Entry::new(scores.titles.estimate(name), Swatch::Line(Stroke::new(tint, LINE_PT))));
     }
     Sheet { columns: 1, panels: vec![panel], legend, ..Sheet::default() }
+}
+
+/// The levels of an axis as readers see them.
+fn shown_levels(scores: &Scores<'_>, axis: &crate::ablation::Axis) -> Vec<String> {
+    axis.levels.iter().map(|level| scores.titles.value(&axis.name, level).to_owned()).collect()
 }
 
 fn heat_maps(scores: &Scores<'_>, [across, up]: [usize; 2], points: &[Point<'_>]) -> Sheet {
@@ -176,8 +184,8 @@ fn heat_maps(scores: &Scores<'_>, [across, up]: [usize; 2], points: &[Point<'_>]
     let panel = |name: &str| {
         let own = || points.iter().filter(|point| point.name == name);
         let best = own().map(|point| point.mean).reduce(if more_is_better { f64::max } else { f64::min });
-        let (x, y) = (Axis::names(&across.levels, &across.name), Axis::names(&up.levels, &up.name));
-        let mut panel = Panel::new(name, x, y);
+        let names = |axis| Axis::names(&shown_levels(scores, axis), scores.titles.axis(&axis.name));
+        let mut panel = Panel::new(scores.titles.estimate(name), names(across), names(up));
         for point in own() {
             let [x, y] = [0, 1].map(|axis| point.levels[axis].unwrap_or(0) as f64);
             let colour = bar.colour(point.mean);

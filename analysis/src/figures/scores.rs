@@ -8,6 +8,7 @@ use crate::error::{AnalysisError, listed};
 use crate::estimates::{Estimate, estimates};
 use crate::scores::FrameScore;
 use crate::tables::{Column, DIMENSIONLESS, Rows, Table, unit_of};
+use crate::titles::Titles;
 
 /// The maximum number of readable strips.
 const MAX_ROWS: usize = 60;
@@ -21,6 +22,7 @@ pub(super) struct Scores<'a> {
     selection: Selection,
     pub(super) rows: Vec<Row>,
     pub(super) metric: usize,
+    pub(super) titles: Titles,
 }
 
 /// Calls `draw` with a run's scores.
@@ -51,7 +53,8 @@ pub(super) fn with_scores(
         let what = format!("`{}` was not scored for the selected estimates", ablation.metrics[metric].name);
         return Err(AnalysisError::request(what, "`depthloom table RUN` shows what was scored".to_owned()));
     }
-    draw(&Scores { estimates: &estimates, ablation, selection, rows, metric })
+    let titles = Titles::new([run.recording.plan()]);
+    draw(&Scores { estimates: &estimates, ablation, selection, rows, metric, titles })
 }
 
 impl Scores<'_> {
@@ -119,7 +122,7 @@ pub(super) fn frames(scores: &Scores<'_>, request: &FigureRequest) -> Result<Fig
         items.push(Item::Line(vec![(mean, y - 0.36), (mean, y + 0.36)], Stroke::new(BLACK, 1.1)));
     }
     let values: Vec<f64> = all.iter().map(|(.., value)| *value).collect();
-    let labels: Vec<String> = rows.iter().rev().map(|row| scores.estimate(row).label.clone()).collect();
+    let labels: Vec<String> = rows.iter().rev().map(|row| scores.estimate(row).title.clone()).collect();
     let x = Axis::around(values.iter().copied(), 0.04, scores.label());
     let aspect = Some((rows.len() as f64 + 0.5) * ROW_PT / request.size.width_pt() / 0.75);
     let mut panel = Panel::new("", x, Axis::names(&labels, ""));

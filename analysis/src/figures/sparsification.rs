@@ -1,6 +1,6 @@
 //! Sparsification error curves: how much worse a predicted uncertainty ranks pixels than their true errors do.
 
-use depthloom_figures::{Axis, Place, compared_curves};
+use depthloom_figures::{Axis, compared_curves};
 use depthloom_graphs::Value;
 use depthloom_graphs::counted;
 use depthloom_graphs::plan::FrameIndex;
@@ -10,6 +10,7 @@ use super::{Figure, FigureRequest, FigureRun};
 use crate::error::{AnalysisError, listed};
 use crate::estimates::{Estimate, PredictedUncertainty, estimates};
 use crate::tables::{Rows, Table};
+use crate::titles::Titles;
 
 /// A point of an estimate's curves, means over frames, as shares of the error of all pixels.
 struct Point<'e> {
@@ -37,6 +38,7 @@ pub(super) fn sparsification(
         let help = format!("name one under `score: estimates:`; available estimates: {labels}");
         return Err(AnalysisError::request(what, help));
     }
+    let titles = Titles::new([run.recording.plan()]);
     let (mut points, mut lines, mut frames) = (Vec::new(), Vec::new(), 0);
     for (estimate, uncertainty) in selected {
         let (mean, count) = mean_curves(run, estimate, uncertainty, stop)?;
@@ -50,7 +52,7 @@ pub(super) fn sparsification(
         }
         line.push((100.0, 0.0));
         let (name, variant) = (estimate.name.clone(), estimate.row_key.variant.clone());
-        lines.push((Place { name, group: String::new(), variant }, line));
+        lines.push((titles.place(name, String::new(), variant), line));
     }
     let high = lines.iter().flat_map(|(_, line)| line).map(|(_, error)| *error).fold(1e-9, f64::max);
     let x = Axis::new(0.0, 100.0, "removed pixels, %");

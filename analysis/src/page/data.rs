@@ -21,6 +21,7 @@ use crate::scores::FrameScore;
 use crate::statistics::Interval;
 use crate::tables::best::Mark;
 use crate::tables::{RowKeys, plan_key, variant_of};
+use crate::titles::Titles;
 
 /// The maximum number of listed failures.
 const MOST_FAILURES: usize = 200;
@@ -84,7 +85,11 @@ pub(super) fn table(table: &ScoreTable, estimates: &[Estimate]) -> Json {
 }
 
 /// The tables of `table --effects` and `table --best-per-zone`, if the run has axes or zones.
-pub(super) fn query_tables(ablation: &Ablation<'_>, table: &ScoreTable) -> Result<Vec<Json>, AnalysisError> {
+pub(super) fn query_tables(
+    ablation: &Ablation<'_>,
+    table: &ScoreTable,
+    titles: &Titles,
+) -> Result<Vec<Json>, AnalysisError> {
     let was_scored = |name: &&str| table.metrics.iter().any(|metric| metric.name == *name);
     let Some(metric) = LEADING.into_iter().find(was_scored).or_else(|| table.metrics.first().map(|metric| metric.name))
     else {
@@ -98,7 +103,10 @@ pub(super) fn query_tables(ablation: &Ablation<'_>, table: &ScoreTable) -> Resul
     let mut tables = Vec::new();
     for (title, grid) in queries {
         match grid {
-            Ok(grid) => tables.push(json!({ "title": title, "table": grid.page() })),
+            Ok(mut grid) => {
+                titles.apply(&mut grid);
+                tables.push(json!({ "title": title, "table": grid.page() }));
+            }
             // A run without axes has no effects, and one without zones has no best rows of zones.
             Err(AnalysisError::Request { .. }) => {}
             Err(error) => return Err(error),

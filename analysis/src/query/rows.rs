@@ -1,5 +1,7 @@
 //! The results of a query as a table: one row per bin and estimate.
 
+use depthloom_graphs::counted;
+
 use super::job::{BinRow, BinnedErrors, Job, JobBins};
 use super::sums::Sums;
 use super::{By, Inquiry, SampleSet, Unit};
@@ -120,9 +122,16 @@ pub(super) fn grid(jobs: &[Job<'_>], results: &[BinnedErrors], inquiry: &Inquiry
         [SampleSet::Common] => ", over the pixels that are valid in all estimates",
         _ => "",
     };
+    let frames = match &inquiry.frames {
+        Some(_) => format!(
+            ", on {} of each run",
+            counted(jobs.iter().map(Job::frames).max().unwrap_or(0) as u64, "selected frame")
+        ),
+        None => String::new(),
+    };
     Table {
         about: format!(
-            "{error}, by {}{pixels}; outlier_share: share of errors {}",
+            "{error}, by {}{pixels}{frames}; outlier_share: share of errors {}",
             by(inquiry),
             inquiry.outlier.words()
         ),

@@ -7,11 +7,12 @@
 use depthloom_graphs::plan::RunId;
 use std::collections::BTreeMap;
 
-use depthloom_figures::{Bin, Layout, Place, Scale, Sheet, Spread, SpreadFigure};
+use depthloom_figures::{Bin, Layout, Scale, Sheet, Spread, SpreadFigure};
 
 use crate::distance::{DistanceBin, Spread as BinSpread};
 use crate::estimates::Estimate;
 use crate::figures::MIN_COUNT;
+use crate::titles::Titles;
 
 /// The contents of the figure.
 pub(crate) struct Figure<'a> {
@@ -19,6 +20,8 @@ pub(crate) struct Figure<'a> {
     pub(crate) bins: &'a [DistanceBin],
     /// Pixels with ground truth by metre.
     pub(crate) truth: &'a BTreeMap<u32, u64>,
+    /// The labels of the experiment.
+    pub(crate) titles: &'a Titles,
 }
 
 /// The figure as SVG; equal numbers give equal bytes.
@@ -32,11 +35,11 @@ pub(crate) fn render(figure: &Figure<'_>) -> String {
             Bin { from, to, count: spread.count, percentiles: spread.percentiles_m }
         };
         Spread {
-            place: Place {
-                name: estimate.name.clone(),
-                group: if several_stages { stage(estimate) } else { String::new() },
-                variant: estimate.row_key.variant.clone(),
-            },
+            place: figure.titles.place(
+                estimate.name.clone(),
+                if several_stages { stage(estimate) } else { String::new() },
+                estimate.row_key.variant.clone(),
+            ),
             bins: bins().filter_map(|bin| Some(drawn(bin, figure.compared_in(bin)?))).collect(),
             valid: bins().filter(|_| figure.any_shared()).map(|bin| drawn(bin, &bin.valid)).collect(),
         }

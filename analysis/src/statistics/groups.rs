@@ -42,10 +42,19 @@ impl Grouping {
 
     /// `sequences`, for descriptions.
     pub(crate) fn unit(&self) -> String {
+        self.named("s")
+    }
+
+    /// `3 sequences`, for descriptions.
+    pub(crate) fn counted(&self, count: usize) -> String {
+        format!("{count} {}", self.named(if count == 1 { "" } else { "s" }))
+    }
+
+    fn named(&self, plural: &str) -> String {
         match self {
-            Self::Sequence => "sequences".to_owned(),
-            Self::Blocks(count) => format!("blocks of {count} frames"),
-            Self::File(path) => format!("groups of {}", path.display()),
+            Self::Sequence => format!("sequence{plural}"),
+            Self::Blocks(frames) => format!("block{plural} of {frames} frames"),
+            Self::File(path) => format!("group{plural} of {}", path.display()),
         }
     }
 

@@ -20,6 +20,8 @@ pub(crate) struct Column {
     pub(crate) latex: Option<Cow<'static, str>>,
     pub(crate) more_is_better: Option<bool>,
     pub(crate) cells: Cells,
+    /// What text shows instead of the cells, if the experiment has labels.
+    pub(crate) titles: Option<Vec<Option<String>>>,
     /// Whether each cell is marked; empty: none.
     pub(crate) marks: Vec<Mark>,
     /// Whether it is repeated in each block of a table that is too wide.
@@ -143,6 +145,7 @@ impl Column {
             latex: None,
             more_is_better: None,
             cells,
+            titles: None,
             marks: Vec::new(),
             is_key: false,
             is_axis: false,
@@ -223,6 +226,11 @@ impl Column {
             *own = format;
         }
         self
+    }
+
+    /// A cell in text, as readers see it.
+    pub(super) fn text(&self, row: usize) -> Option<String> {
+        self.titles.as_ref().map_or_else(|| self.cells.text(row), |titles| titles[row].clone())
     }
 
     pub(super) fn mark(&self, row: usize) -> Mark {

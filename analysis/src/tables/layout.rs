@@ -75,7 +75,7 @@ impl Table {
         for column in self.shown() {
             let text = |row: usize| match column.once && !self.starts.contains(&row) {
                 true => String::new(),
-                false => column.cells.text(row).unwrap_or_else(|| "-".to_owned()),
+                false => column.text(row).unwrap_or_else(|| "-".to_owned()),
             };
             if let Some(before) = columns.last_mut().filter(|_| folded && column.joins) {
                 for (row, cell) in before.cells.iter_mut().enumerate() {
@@ -117,7 +117,7 @@ impl Table {
         let mut columns = vec![TextColumn { cells: names, is_text: true, is_key: true, ..TextColumn::default() }];
         let mut keys = self.shown().filter(|column| column.is_key);
         let (group, name) = (keys.next(), keys.next());
-        let text = |key: Option<&Column>, row| key.and_then(|key| key.cells.text(row)).unwrap_or_default();
+        let text = |key: Option<&Column>, row| key.and_then(|key| key.text(row)).unwrap_or_default();
         columns.extend((0..self.height()).map(|row| {
             let cell = |(column, joined): (&Column, Vec<&Column>)| {
                 let suffix: Vec<String> = joined.iter().filter_map(|column| column.cells.text(row)).collect();

@@ -73,6 +73,7 @@ pub(crate) fn plan(every: u64, keep_b: bool) -> Plan {
         description: String::new(),
         variants: vec!["a".to_owned(), "b".to_owned()],
         factors: Vec::new(),
+        labels: depthloom_graphs::plan::Labels::default(),
         runs: vec![StageRun {
             stage: "compare".to_owned(),
             prefix: "/compare".to_owned(),

@@ -22,6 +22,10 @@ pub struct Place {
     pub group: String,
     /// Its variant; `None`: it is on the panels of all variants of its group.
     pub variant: Option<String>,
+    /// What is shown instead of the name.
+    pub title: Option<String>,
+    /// What is shown instead of the variant.
+    pub variant_title: Option<String>,
 }
 
 /// Whether each variant has its panel.
@@ -37,8 +41,14 @@ pub enum Layout {
 impl Place {
     /// Its group and variant.
     fn panel(&self) -> String {
-        let parts = [Some(self.group.as_str()), self.variant.as_deref()].into_iter().flatten();
+        let variant = self.variant_title.as_deref().or(self.variant.as_deref());
+        let parts = [Some(self.group.as_str()), variant].into_iter().flatten();
         parts.filter(|part| !part.is_empty()).collect::<Vec<_>>().join("/")
+    }
+
+    /// The name as it is shown.
+    fn shown(&self) -> &str {
+        self.title.as_deref().unwrap_or(&self.name)
     }
 }
 
@@ -92,13 +102,18 @@ impl Comparison<'_> {
     pub(crate) fn legend(&self, words: &str) -> Vec<Entry> {
         if self.1 == Layout::Overlaid {
             let label =
-                |place: &Place| [place.panel(), place.name.clone()].join("/").trim_start_matches('/').to_owned();
+                |place: &Place| [place.panel().as_str(), place.shown()].join("/").trim_start_matches('/').to_owned();
             let entry = |at: usize| Entry::new(label(self.0[at]), Swatch::Line(self.stroke(at)));
             return (0..self.0.len()).map(entry).collect();
         }
         let names = self.names();
         let line = |name: &str| Swatch::Line(Stroke::new(tint(&names, name), LINE_PT));
-        names.iter().map(|name| Entry::new(format!("{name}{words}"), line(name))).collect()
+        let first = |name: &str| self.0.iter().find(|place| place.name == name);
+        let entry = |name: &&str| {
+            let shown = first(name).map_or(*name, |place| place.shown());
+            Entry::new(format!("{shown}{words}"), line(name))
+        };
+        names.iter().map(entry).collect()
     }
 }
 

@@ -127,6 +127,7 @@ impl Collector<'_, '_> {
                 _ => self.matrix(node),
             },
             ["only"] => scalars(node).for_each(|name| self.selected(name)),
+            ["labels", section] => node.entries().iter().for_each(|entry| self.labelled(section, entry)),
             ["record"] => self.patterns(node),
             ["record", "topics" | "points"] => self.patterns(node),
             _ => {
@@ -269,6 +270,31 @@ impl Collector<'_, '_> {
         let variant = text.split('+').next().unwrap_or_default().to_owned();
         let place = name.place.part(&text, 0..variant.len());
         self.known(Symbol::Variant(variant), place);
+    }
+
+    /// A key of `labels`: a variant, or an estimate. An estimate that several stages have stays.
+    fn labelled(&mut self, section: &str, entry: &Entry) {
+        let name = entry.key.as_str();
+        match section {
+            "variants" => {
+                let variant = name.split('+').next().unwrap_or_default();
+                let place = entry.key_place.part(name, 0..variant.len());
+                self.known(Symbol::Variant(variant.to_owned()), place);
+            }
+            "estimates" => {
+                let has_it = |stage: &&Entry| {
+                    let estimates = stage.value.get("score").and_then(|score| score.get("estimates"));
+                    estimates.is_some_and(|estimates| estimates.get(name).is_some())
+                };
+                let stages = self.view.root().and_then(|root| root.get("stages")).map_or(&[][..], |all| all.entries());
+                let stages: Vec<&str> = stages.iter().filter(has_it).map(|stage| stage.key.as_str()).collect();
+                if let [stage] = stages.as_slice() {
+                    let symbol = Symbol::Estimate { stage: (*stage).to_owned(), estimate: name.to_owned() };
+                    self.push(symbol, entry.key_place.clone());
+                }
+            }
+            _ => {}
+        }
     }
 
     fn patterns(&mut self, node: &Node) {

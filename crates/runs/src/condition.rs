@@ -7,7 +7,7 @@ use std::str::FromStr;
 use depthloom_recording::RecordedPlan;
 use serde_json::Value as Json;
 
-use crate::glance::Glance;
+use crate::glance::{Glance, State};
 
 /// A condition on a run.
 #[derive(Clone, Debug, PartialEq)]
@@ -53,6 +53,10 @@ impl FromStr for Condition {
         let (path, value) = (text[..at].trim(), text[at + sign.len()..].trim());
         if path.is_empty() {
             return Err("the path before the operator is missing: `look.stereo.with.block=5`".to_owned());
+        }
+        let states = State::ALL.map(State::name);
+        if path == "state" && !states.contains(&value) {
+            return Err(format!("there is no state `{value}`; states are {}", states.join(", ")));
         }
         Ok(Self { path: path.to_owned(), comparison, value: value.to_owned() })
     }

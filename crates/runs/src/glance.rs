@@ -32,6 +32,9 @@ pub enum State {
 }
 
 impl State {
+    /// All states.
+    pub const ALL: [Self; 5] = [Self::Complete, Self::Unfinished, Self::Running, Self::Damaged, Self::Unreadable];
+
     /// Its name in messages.
     pub const fn name(self) -> &'static str {
         match self {

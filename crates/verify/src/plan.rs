@@ -156,6 +156,7 @@ impl Replay {
             description: recorded.description.clone(),
             variants: recorded.variants.clone(),
             factors: recorded.factors.clone(),
+            labels: recorded.labels.clone(),
             runs: planned,
             record: Record { every: 1, view: false, points: Vec::new() },
             written: Vec::new(),

@@ -14,6 +14,7 @@ use super::change::variants;
 use super::check::params::Resolver;
 use super::check::spec;
 use super::check::sweeps::Sweeps;
+use super::labels;
 use super::plan::assemble;
 use super::plan::link;
 use super::plan::linked::Linked;
@@ -144,6 +145,7 @@ fn planned(
     let root = environment::substitute(&root, env, report);
     let (experiment, description) = spec::title(&root, report);
     let recording = record::read(&root, report);
+    let labels = labels::read(&root, report);
     let (variants, left_out) = variants::read(&Parameters { root: &root, registry }, report);
     if root.size().saturating_mul(variants.len()) > MOST_VALUES {
         let what = format!("{} variants of an experiment this large are too many", variants.len());
@@ -184,6 +186,7 @@ fn planned(
     let runs = assemble::stage_runs(&shared, &names, &linked, &recording);
     upstream::check(&runs, &shared.runs, &names, registry, report);
     equal_variants(&variants, &shared, report);
+    labels::check(&root, &runs, &variants, &left_out, report);
     overruled(&names, &shared, report);
     let stored = run_files::texts(files, &root, &overrides::typed(typed, only.as_ref()), &resolver.anywhere);
     let has_factors = variants.iter().any(|variant| !variant.factors.is_empty());
@@ -196,6 +199,7 @@ fn planned(
         } else {
             Vec::new()
         },
+        labels,
         runs,
         record: recording.record,
         written: files.written(),

@@ -139,6 +139,10 @@ pub(crate) fn parameter_help(kind: &str, schema: &Json, path: &[String]) -> Opti
     let name = names.map(String::as_str).collect::<Vec<_>>().join(".");
     Some(match name.is_empty() {
         true => format!("`depthloom nodes {kind}` describes the parameters"),
+        // Without a range or a default, the type alone explains nothing.
+        false if words.len() == 1 && ["map", "text"].contains(&words[0].as_str()) => {
+            format!("`depthloom nodes {kind}` describes `{name}`")
+        }
         false => format!("`{name}` is {}; `depthloom nodes {kind}` describes it", words.join(", ")),
     })
 }

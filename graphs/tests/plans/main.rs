@@ -5,6 +5,7 @@
 mod lesson;
 
 mod files;
+mod labelled;
 mod learning;
 mod own_ports;
 #[path = "../toys/mod.rs"]

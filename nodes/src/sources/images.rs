@@ -208,6 +208,10 @@ infinite or NaN are unknown. The depth of a disparity `d` is `f * B / (d + doffs
                 let what = "`files` calibrate pairs, and there is no `right`: set `focal_px` and, where known, `cx_px` and `cy_px`";
                 Err(("calibration", what.to_owned()))
             }
+            Some(false) if calibration.rectified || calibration.doffs_px != 0.0 && calibration.baseline_m.is_none() => {
+                let what = "`rectified` and `doffs_px` are of pairs, and there is no `right`: leave them out";
+                Err(("calibration", what.to_owned()))
+            }
             _ => Ok(()),
         }
     }

@@ -102,6 +102,7 @@ pub(crate) fn plan_of(stages: &[&str]) -> Plan {
         description: "Every type of value.".to_owned(),
         variants: vec!["full".to_owned(), "plain".to_owned()],
         factors: Vec::new(),
+        labels: depthloom_graphs::plan::Labels::default(),
         runs: stages.iter().map(|stage| stage_run(stage)).collect(),
         record: Record { every: 1, view: true, points: Vec::new() },
         written: vec![("/somewhere/fixture.yaml".to_owned(), "experiment: fixture\n".to_owned())],

@@ -225,6 +225,7 @@ impl Bench {
             description: String::new(),
             variants: variants.iter().map(|&v| v.to_owned()).collect(),
             factors: Vec::new(),
+            labels: depthloom_graphs::plan::Labels::default(),
             runs: Vec::new(),
             record: Record { every: 1, view: false, points: Vec::new() },
             written: Vec::new(),

@@ -2,7 +2,7 @@
 
 use std::path::Path;
 
-use depthloom_analysis::{By, Inquiry, TableOutput, Unit, recording_notes};
+use depthloom_analysis::{By, Inquiry, TableOutput, Unit, frames_of, recording_notes};
 use depthloom_runs::{end, failed, open};
 use depthloom_terminal::{CliError, ExitCode};
 use schemars::JsonSchema;
@@ -32,7 +32,7 @@ pub(crate) fn analyse(args: &AnalyseArgs) -> Result<ExitCode, CliError> {
         return samples(args);
     }
     let delivery = Delivery::new(&args.output)?;
-    let inquiry = Inquiry {
+    let mut inquiry = Inquiry {
         by: By::parse(&args.by),
         bins: args.bins.clone(),
         percentiles: args.percentiles.clone(),
@@ -42,6 +42,7 @@ pub(crate) fn analyse(args: &AnalyseArgs) -> Result<ExitCode, CliError> {
         sets: args.pixels.clone(),
         unit: if args.relative { Unit::OfTruth } else { Unit::Metres },
         outlier: args.outlier,
+        frames: None,
     };
     if inquiry.by == By::Frame && inquiry.bins.is_some() {
         return Err(CliError::usage(
@@ -55,6 +56,17 @@ pub(crate) fn analyse(args: &AnalyseArgs) -> Result<ExitCode, CliError> {
     for run in &args.runs {
         files.push((run.to_string_lossy().into_owned(), samples_of(run, &args.folder, is_silent, &interrupt)?));
     }
+    let recordings =
+        args.runs.iter().filter(|run| !is_samples(run)).map(|run| open(&args.folder.recording(run, "analyse")?));
+    let recordings = recordings.collect::<Result<Vec<_>, _>>()?;
+    if let Some(choice) = &args.frames {
+        if let Some(file) = args.runs.iter().find(|run| is_samples(run)) {
+            let what = format!("--frames needs a run, and {} is a file of samples", file.display());
+            return Err(CliError::usage(what, "name the run that the samples are from"));
+        }
+        let frames = recordings.iter().map(|recording| frames_of(recording, choice)).collect::<Result<_, _>>();
+        inquiry.frames = Some(frames.map_err(failed)?);
+    }
     let bar = bar(is_silent, 1, "{bar:30} {percent} %  {eta} left");
     let progress = |done: u64, all: u64| {
         bar.set_length(all);
@@ -63,9 +75,7 @@ pub(crate) fn analyse(args: &AnalyseArgs) -> Result<ExitCode, CliError> {
     let found = depthloom_analysis::analyse(&files, &inquiry, &progress, &|| interrupt.stops_admission());
     bar.finish_and_clear();
     let (mut found, run) = found.map_err(failed)?;
-    let recordings =
-        args.runs.iter().filter(|run| !is_samples(run)).map(|run| open(&args.folder.recording(run, "analyse")?));
-    let recordings = recordings.collect::<Result<Vec<_>, _>>()?;
+    found.show_labels(&recordings);
     found.add_notes(recordings.iter().flat_map(recording_notes));
     delivery.warn_of_condition(&recordings);
     let read: Vec<&Path> = files.iter().map(|(_, file)| file.as_path()).collect();

@@ -19,7 +19,8 @@ pub(crate) fn table(args: &TableArgs) -> Result<ExitCode, CliError> {
     let interrupt = signals::listen("stopping")?;
     let recording = open_frames(&path)?;
     let costs = costs(&path)?;
-    let selection = Selection { estimates: args.estimates.clone(), ..args.scores.selection() };
+    let (estimates, grouping) = (args.estimates.clone(), args.group.clone());
+    let selection = Selection { estimates, grouping, ..args.scores.selection() };
     let (resamples, seed) = (args.resamples, args.seed);
     let intervals = args.ci.map(|confidence| Resampling { confidence, resamples, seed, ..Resampling::default() });
     if args.rows == RowsOption::Score {

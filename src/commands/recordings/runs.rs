@@ -24,15 +24,19 @@ pub(crate) use rm::RunsRm;
 pub(crate) use show::RunsShow;
 pub(crate) use timings::Timings;
 
-use crate::args::{ListArgs, RunsArgs, RunsCommand};
+use crate::args::{ListFilter, RunsArgs, RunsCommand};
 use crate::output::diagnostics::{Error, print_stop};
 use crate::output::{self, CommandOutput};
 
 /// Lists runs, or executes one of the commands for runs.
 pub(crate) fn runs(args: &RunsArgs) -> Result<ExitCode, CliError> {
+    if args.command.is_some() && args.filter != ListFilter::default() {
+        let what = "`--where` and `--names` go after `list`, and not before another command";
+        return Err(CliError::usage(what, "write `depthloom runs list --where CONDITION`"));
+    }
     match &args.command {
-        None => list::list(args, &ListArgs::default()),
-        Some(RunsCommand::List(command)) => list::list(args, command),
+        None => list::list(args, &args.filter),
+        Some(RunsCommand::List(command)) => list::list(args, &command.filter),
         Some(RunsCommand::Tag(command)) => notes::tag(args, command),
         Some(RunsCommand::Note(command)) => notes::note(args, command),
         Some(RunsCommand::Show(command)) => show::show(args, command),

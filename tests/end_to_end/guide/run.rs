@@ -40,6 +40,7 @@ pages! {
     editor: "how-to/editor.md",
     export: "how-to/export.md",
     kitti: "how-to/kitti.md",
+    labels: "how-to/labels.md",
     manage_runs: "how-to/manage-runs.md",
     many_machines: "how-to/many-machines.md",
     monocular_data: "how-to/monocular-data.md",

@@ -2,7 +2,12 @@ use super::*;
 
 #[test]
 fn twelve_variants_of_one_method_have_twelve_lines() {
-    let place = |at: usize| Place { name: "fused".to_owned(), group: String::new(), variant: Some(format!("v{at}")) };
+    let place = |at: usize| Place {
+        name: "fused".to_owned(),
+        group: String::new(),
+        variant: Some(format!("v{at}")),
+        ..Place::default()
+    };
     let places: Vec<Place> = (0..12).map(place).collect();
     let all = Comparison(places.iter().collect(), Layout::Overlaid);
     let lines = distinct((0..12).map(|at| {

@@ -3,7 +3,12 @@ use crate::colours::{BLUE, RED};
 
 fn spread(variant: Option<&str>, name: &str, bins: Vec<Bin>) -> Spread {
     Spread {
-        place: Place { name: name.to_owned(), group: String::new(), variant: variant.map(str::to_owned) },
+        place: Place {
+            name: name.to_owned(),
+            group: String::new(),
+            variant: variant.map(str::to_owned),
+            ..Place::default()
+        },
         bins,
         valid: Vec::new(),
     }

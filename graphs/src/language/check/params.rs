@@ -213,7 +213,7 @@ fn checked(
     changed: &[Place],
     report: &mut Report,
 ) -> Option<Json> {
-    let mut sound = true;
+    let (mut sound, mut is_conflict) = (true, false);
     let mut taken_out: Vec<Vec<String>> = Vec::new();
     for violation in violations(&json.clone(), kind.schema) {
         sound = false;
@@ -236,7 +236,9 @@ fn checked(
                 // before.
                 let is_above_taken =
                     !error.path.is_empty() && taken_out.iter().any(|taken| taken.starts_with(&error.path));
-                if is_above_taken || !sound && error.what.starts_with("missing field") {
+                // With one of two conflicting parameters removed, the other may be incomplete.
+                let is_rest_of_conflict = is_conflict && error.what.contains("is missing");
+                if is_above_taken || is_rest_of_conflict || !sound && error.what.starts_with("missing field") {
                     return None;
                 }
                 let place = place_of(with, &error.path, false);
@@ -256,6 +258,7 @@ fn checked(
                     .or_else(|| suggestion.map(str::to_owned))
                     .or_else(|| parameter_help(kind.kind, kind.schema, &error.path));
                 report.push(Diagnostic::error(&place, what).maybe_help(help));
+                is_conflict |= error.what.contains("cannot be combined");
                 sound = false;
                 if !remove(&mut json, &error.path) {
                     return None;

@@ -53,6 +53,7 @@ pub fn schema(registry: &Registry) -> Json {
                 "description": "Of the variants those that are so called, `*` for any run of characters; what `--variant` says.",
                 "anyOf": [{ "type": "string" }, { "type": "array", "items": { "type": "string" }, "minItems": 1 }, { "type": "null" }],
             },
+            "labels": labels(),
             "record": {
                 "description": "Which outputs are recorded [default: all].",
                 "anyOf": [
@@ -97,6 +98,40 @@ pub fn schema(registry: &Registry) -> Json {
                 "description": "`stage.node/port`, `node`, `/stage/node/port`; `*` for anything, `!` in front to leave out.",
             },
             "reference": { "type": "string", "pattern": REFERENCE, "description": "`node/output`, `source/output` or `stage.node/output`." },
+        },
+    })
+}
+
+/// The labels of estimates, variants and axes.
+fn labels() -> Json {
+    let text = json!({ "type": ["string", "number", "boolean", "null"] });
+    let texts = |of: &str| {
+        json!({
+            "type": ["object", "null"],
+            "description": format!("The text that is shown for {of}, by name; listed ones come first, in this order."),
+            "additionalProperties": text,
+        })
+    };
+    let axis = json!({
+        "type": "object",
+        "additionalProperties": false,
+        "properties": {
+            "label": { "type": ["string", "null"], "description": "The text that is shown for the axis." },
+            "values": texts("values of the axis"),
+        },
+    });
+    json!({
+        "type": ["object", "null"],
+        "description": "What tables, figures and the page show instead of names; results do not depend on it.",
+        "additionalProperties": false,
+        "properties": {
+            "estimates": texts("estimates"),
+            "variants": texts("variants"),
+            "axes": {
+                "type": ["object", "null"],
+                "description": "The text that is shown for axes of the matrix, by name, or a map of `label` and `values`.",
+                "additionalProperties": { "anyOf": [text, axis] },
+            },
         },
     })
 }

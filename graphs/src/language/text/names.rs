@@ -7,7 +7,7 @@ use super::source_file::{Place, SourceFile};
 use super::tree::{Entry, Node};
 
 pub(crate) const EXPERIMENT_KEYS: &[&str] =
-    &["experiment", "description", "extends", "sources", "stages", "variants", "matrix", "only", "record"];
+    &["experiment", "description", "extends", "sources", "stages", "variants", "matrix", "only", "labels", "record"];
 
 /// Words of the language.
 pub(crate) const RESERVED_NODES: &[&str] = &["source", "score", "graph"];

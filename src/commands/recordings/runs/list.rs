@@ -9,7 +9,7 @@ use schemars::JsonSchema;
 use serde::Serialize;
 
 use super::all_in;
-use crate::args::{ListArgs, RunsArgs};
+use crate::args::{ListFilter, RunsArgs};
 use crate::output;
 
 /// Output of `runs`: the runs in a folder, newest first.
@@ -19,7 +19,7 @@ pub(crate) struct RunsList {
     runs: Vec<Glance>,
 }
 
-pub(super) fn list(args: &RunsArgs, list: &ListArgs) -> Result<ExitCode, CliError> {
+pub(super) fn list(args: &RunsArgs, list: &ListFilter) -> Result<ExitCode, CliError> {
     let all = all_in(args)?;
     let newest_first: Vec<(FoundRun, Glance)> = match list.conditions.is_empty() {
         true => all.into_iter().rev().map(|run| (run.clone(), Glance::at(&run))).collect(),
