@@ -1,5 +1,6 @@
 //! Scores of one estimated depth on one frame.
 
+use crate::crop::Crop;
 use crate::extra::Extra;
 use crate::pixels::{Alignment, DepthEstimate, ScoredPixels};
 use crate::row::{PixelSet, ScoreRow};
@@ -35,10 +36,39 @@ impl DepthScores {
         (width, height): (usize, usize),
         clues: &Clues<'_>,
     ) -> Vec<ScoreRow> {
+        self.rows_on(estimate, &self.pixels(ground_truth_m, (width, height)), (width, height), clues)
+    }
+
+    /// The scored pixels of a ground truth, for [`DepthScores::rows_on`].
+    ///
+    /// # Panics
+    /// As [`ScoredPixels::new`].
+    #[must_use]
+    pub fn pixels(&self, ground_truth_m: &[f32], (width, height): (usize, usize)) -> ScoredPixels {
+        ScoredPixels::new(ground_truth_m, width, height, &self.settings)
+    }
+
+    /// What the [scored pixels](DepthScores::pixels) of a ground truth depend on: `min_m`, `max_m` and the crop.
+    #[must_use]
+    pub const fn bounds(&self) -> (f64, f64, Crop) {
+        (self.settings.min_m, self.settings.max_m, self.settings.crop)
+    }
+
+    /// As [`DepthScores::rows`], on pixels found before.
+    ///
+    /// # Panics
+    /// If a map has another number of pixels.
+    #[must_use]
+    pub fn rows_on<'a>(
+        &self,
+        estimate: impl Into<DepthEstimate<'a>>,
+        pixels: &ScoredPixels,
+        (width, height): (usize, usize),
+        clues: &Clues<'_>,
+    ) -> Vec<ScoreRow> {
         let estimate = estimate.into();
-        let pixels = ScoredPixels::new(ground_truth_m, width, height, &self.settings);
         let alignment = pixels.alignment(estimate, &self.settings);
-        let mut rows = self.rows_of("", estimate, &pixels, alignment);
+        let mut rows = self.rows_of("", estimate, pixels, alignment);
         for zone in self.zones.of_frame(width, height, clues) {
             let part = pixels.part(|at, t| zone.has(at, t));
             rows.extend(self.rows_of(&zone.name, estimate, &part, alignment));

@@ -1,11 +1,11 @@
 //! `score/depth`: metrics of estimated depth, those of Table I and others.
 
-use std::sync::LazyLock;
+use std::sync::{Arc, LazyLock, Weak};
 
 use depthloom_graphs::contracts::{Contract, NodeDeclaration, Upstream};
 use depthloom_graphs::values::{Depth, Weight};
 use depthloom_graphs::{Context, Fault, Inputs, Instance, Node, Outputs, Port, PureNode, Value, ValueType};
-use depthloom_scores::{DepthScores, Family, ScoreParams, Uncertainty};
+use depthloom_scores::{Crop, DepthScores, Family, ScoreParams, ScoredPixels, Uncertainty};
 
 use super::{clues, doc};
 use crate::shape::same_size;
@@ -99,12 +99,12 @@ impl Node for ScoreDepth {
 }
 
 impl PureNode for ScoreDepth {
-    fn process(&self, inputs: &Inputs<'_>, _ctx: &mut Context<'_>) -> Result<Outputs, Fault> {
+    fn process(&self, inputs: &Inputs<'_>, ctx: &mut Context<'_>) -> Result<Outputs, Fault> {
         let size = inputs.get::<Depth>("estimate")?.metres.dimensions();
         let estimate = inputs.value("estimate").and_then(Value::depth_estimate);
         let estimate = estimate.ok_or_else(|| Fault::new("no value at input `estimate`"))?;
-        let truth = &inputs.get::<Depth>("ground_truth")?.metres;
-        let (width, height) = truth.dimensions();
+        let truth = inputs.get::<Depth>("ground_truth")?;
+        let (width, height) = truth.metres.dimensions();
         same_size(("estimate", size), ("ground_truth", (width, height)))?;
         let mut uncertainty = None;
         if let Some(deviation) = inputs.optional::<Depth>("deviation")? {
@@ -117,6 +117,32 @@ impl PureNode for ScoreDepth {
         }
         let estimate = estimate.with_uncertainty(uncertainty);
         let clues = clues::read(inputs, (width, height))?;
-        Ok(Outputs::one("rows", self.scores.rows(estimate, truth, (width as usize, height as usize), &clues)))
+        let mut latest = ctx.scratch.take::<LatestPixels>();
+        let rows =
+            self.scores.rows_on(estimate, latest.find(truth, &self.scores), (width as usize, height as usize), &clues);
+        ctx.scratch.put(latest);
+        Ok(Outputs::one("rows", rows))
+    }
+}
+
+/// The scored pixels of the ground truth that a worker used last. Many estimates of a frame are scored against one
+/// ground truth, and finding its pixels costs as much as scoring one of them.
+#[derive(Default)]
+struct LatestPixels {
+    /// Keeps the address of the ground truth from being used again.
+    truth: Weak<Depth>,
+    bounds: Option<(f64, f64, Crop)>,
+    pixels: ScoredPixels,
+}
+
+impl LatestPixels {
+    fn find(&mut self, truth: &Arc<Depth>, scores: &DepthScores) -> &ScoredPixels {
+        let bounds = Some(scores.bounds());
+        if self.truth.as_ptr() != Arc::as_ptr(truth) || self.bounds != bounds {
+            let (width, height) = truth.metres.dimensions();
+            let pixels = scores.pixels(truth.metres.as_raw(), (width as usize, height as usize));
+            *self = Self { truth: Arc::downgrade(truth), bounds, pixels };
+        }
+        &self.pixels
     }
 }
