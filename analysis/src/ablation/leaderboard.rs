@@ -1,7 +1,7 @@
 //! Estimates of several runs in one table, with the settings in which the runs differ.
 
 use depthloom_graphs::plan::VariantId;
-use std::collections::HashMap;
+use std::collections::{BTreeSet, HashMap};
 
 use depthloom_recording::{PlanDifference, Recording};
 use depthloom_scores::Metric;
@@ -146,8 +146,10 @@ impl<'a> Board<'a> {
     fn table(&self, selection: &Selection, ranking: &Ranking) -> Result<Table, AnalysisError> {
         // The first run with a selected estimate.
         let lead = self.entries.first().map_or(0, |entry| entry.run);
-        let first: Vec<Row> =
-            self.entries.iter().filter(|entry| entry.run == lead).map(|entry| entry.row.clone()).collect();
+        let rows_of = |run: usize| -> Vec<Row> {
+            self.entries.iter().filter(|entry| entry.run == run).map(|entry| entry.row.clone()).collect()
+        };
+        let first = rows_of(lead);
         let by = match ranking.sort.as_ref().or_else(|| ranking.pareto.first()) {
             Some(sort) => sort,
             None => self.ablations[lead].metrics[self.ablations[lead].first_error(&first)].name,
@@ -185,9 +187,19 @@ impl<'a> Board<'a> {
             .contains(&"ms")
             .then(|| "ms: the runs were timed at different times and perhaps on different machines".to_owned());
         let label = [vec!["leaderboard".to_owned()], selection.label()].concat().join("-");
-        let run = if lead == 0 { "the first run" } else { self.runs[lead].called };
-        let about = format!("{} runs; in {run}: {about}; {count} by {by}", self.runs.len());
-        Ok(Table { about, label, notes: notes.into_iter().collect(), ..Table::new(columns) })
+        let mut others = (0..self.runs.len()).filter(|&run| run != lead).map(|run| (run, rows_of(run)));
+        let is_same_for_all = others.all(|(run, rows)| {
+            rows.is_empty() || self.ablations[run].about(&rows, selection).is_ok_and(|other| other == about)
+        });
+        let scope = match (is_same_for_all, lead) {
+            (true, _) => String::new(),
+            (false, 0) => "in the first run: ".to_owned(),
+            (false, lead) => format!("in {}: ", self.runs[lead].called),
+        };
+        let about = format!("{} runs; {scope}{about}; {count} by {by}", self.runs.len());
+        let classes: BTreeSet<usize> = shown.iter().flat_map(|entry| entry.classes.iter().flatten().copied()).collect();
+        let marks = (classes.len() > 1).then_some("best among rows over the same pixels with ground truth");
+        Ok(Table { about, label, marks, notes: notes.into_iter().collect(), ..Table::new(columns) })
     }
 
     /// The columns that identify entries. Text shows only those on which entries differ.

@@ -100,7 +100,7 @@ fn row(run: &FoundRun, glance: &Glance) -> [String; 10] {
         count(glance.frames),
         size(glance.bytes),
         glance.state_text(),
-        glance.trouble.clone().or(remark).unwrap_or_else(nothing),
+        text([remark, glance.trouble.clone()].into_iter().flatten().collect::<Vec<_>>().join("; ")),
         text(glance.notes.tags.iter().map(String::as_str).collect::<Vec<_>>().join(" ")),
         text(short(glance.notes.note.as_deref().unwrap_or_default())),
     ]
