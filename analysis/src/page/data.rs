@@ -3,13 +3,14 @@
 use depthloom_graphs::plan::{FrameIndex, NodeId, RunId};
 use std::collections::{BTreeMap, BTreeSet, HashMap};
 
-use depthloom_figures::colour_of;
 use depthloom_figures::page::{Layer, Pictures, Scale, Series};
+use depthloom_figures::{EstimateKey, Look, looks};
 use depthloom_recording::{RecordedFrame, RecordedPlan, Recording};
 use depthloom_scores::PixelSet;
 use serde_json::{Map, Value as Json, json};
 
 use super::choice;
+use super::leading::leading_metric;
 use crate::ablation::{Ablation, ScoreTable, Selection, effects_table, paper_number, zones_table};
 use crate::distance::{DistanceBin, Spread};
 use crate::error::AnalysisError;
@@ -26,8 +27,6 @@ use crate::tables::{RowKeys, plan_key, variant_of};
 const MOST_FAILURES: usize = 200;
 /// The maximum number of nodes in the list of keys.
 const MOST_NODES: usize = 400;
-/// The metric of the tables of effects and zones: the first of these that was scored.
-const LEADING: [&str; 3] = ["abs_rel", "d1", "epe"];
 /// Significant digits of curves and of tables.
 const DRAWN: usize = 5;
 const TABLED: usize = 7;
@@ -43,10 +42,12 @@ fn numbers(all: impl IntoIterator<Item = Option<f64>>) -> Json {
 }
 
 /// The table: its metrics, and one row per estimate and pixel set.
-pub(super) fn table(table: &ScoreTable, estimates: &[Estimate]) -> Json {
+pub(super) fn table(table: &ScoreTable, estimates: &[Estimate], shown: &[usize]) -> Json {
     let by_label: HashMap<&str, &Estimate> =
         estimates.iter().map(|estimate| (estimate.label.as_str(), estimate)).collect();
-    let names = names(estimates);
+    let looks = looks_of(estimates, shown);
+    let look_by_label: HashMap<&str, Look> =
+        estimates.iter().map(|estimate| estimate.label.as_str()).zip(looks).collect();
     let metrics = table.metrics.iter().map(|metric| {
         json!({
             "name": metric.name, "plain": metric.plain, "unit": metric.unit, "more": metric.more_is_better,
@@ -62,7 +63,8 @@ pub(super) fn table(table: &ScoreTable, estimates: &[Estimate]) -> Json {
             "stage": row.key.stage,
             "variant": row.key.variant,
             "estimate": row.estimate,
-            "colour": colour_of(&names, &row.estimate),
+            "colour": look_by_label.get(row.label.as_str()).map(|look| look.colour),
+            "dash": look_by_label.get(row.label.as_str()).map(|look| look.dash),
             "set": row.set.name(),
             "factors": row.key.factors.iter().map(|level| &level.value).collect::<Vec<_>>(),
             "frames": row.frames,
@@ -85,11 +87,7 @@ pub(super) fn table(table: &ScoreTable, estimates: &[Estimate]) -> Json {
 
 /// The tables of `table --effects` and `table --best-per-zone`, if the run has axes or zones.
 pub(super) fn query_tables(ablation: &Ablation<'_>, table: &ScoreTable) -> Result<Vec<Json>, AnalysisError> {
-    let was_scored = |name: &&str| table.metrics.iter().any(|metric| metric.name == *name);
-    let Some(metric) = LEADING.into_iter().find(was_scored).or_else(|| table.metrics.first().map(|metric| metric.name))
-    else {
-        return Ok(Vec::new());
-    };
+    let Some(metric) = leading_metric(table).map(|place| table.metrics[place].name) else { return Ok(Vec::new()) };
     let all = Selection::default();
     let queries = [
         ("Effect of each axis", effects_table(ablation, &all, metric)),
@@ -107,21 +105,27 @@ pub(super) fn query_tables(ablation: &Ablation<'_>, table: &ScoreTable) -> Resul
     Ok(tables)
 }
 
-/// The distinct names in their order, which determines the colours.
-fn names(estimates: &[Estimate]) -> Vec<&str> {
-    let mut known = BTreeSet::new();
-    estimates.iter().map(|estimate| estimate.name.as_str()).filter(|name| known.insert(*name)).collect()
+/// The colour and the line style of each estimate.
+fn looks_of(estimates: &[Estimate], shown: &[usize]) -> Vec<Look> {
+    let shown: BTreeSet<usize> = shown.iter().copied().collect();
+    let keys = estimates.iter().enumerate().map(|(place, estimate)| EstimateKey {
+        stage: &estimate.row_key.stage,
+        name: &estimate.name,
+        variant: estimate.row_key.variant.as_deref(),
+        is_shown: shown.contains(&place),
+    });
+    looks(&keys.collect::<Vec<_>>())
 }
 
 /// The estimates with curves; other data refers to them by index.
 pub(super) fn estimates(estimates: &[Estimate], shown: &[usize]) -> Json {
-    let names = names(estimates);
+    let looks = looks_of(estimates, shown);
     let one = |&index: &usize| {
         let estimate = &estimates[index];
         json!({
             "label": estimate.label, "name": estimate.name, "run": estimate.run,
             "stage": estimate.row_key.stage, "variant": estimate.row_key.variant,
-            "colour": colour_of(&names, &estimate.name), "preset": estimate.preset,
+            "colour": looks[index].colour, "dash": looks[index].dash, "preset": estimate.preset,
             "sets": estimate.sets.iter().map(|set| set.name()).collect::<Vec<_>>(),
             "set": choice::set_of(estimate).map(PixelSet::name),
             "metrics": estimate.metrics.iter().map(|metric| metric.name).collect::<Vec<_>>(),
@@ -216,7 +220,10 @@ pub(super) fn pictures(
     pictures: &Pictures,
 ) -> Json {
     let place = |index: &usize| shown.iter().position(|known| known == index);
-    let one = |(own, there): (&Series, &Vec<bool>)| {
+    let one = |((own, there), colours): ((&Series, &Vec<bool>), &Vec<(&'static str, [f64; 2])>)| {
+        let colours = colours
+            .iter()
+            .map(|(value_type, ends)| ((*value_type).to_owned(), numbers(ends.iter().copied().map(Some))));
         let planned = &recording.plan().runs[own.run];
         let frames = recording.frames(own.run);
         let layers = own.layers.iter().zip(there).map(|(layer, there)| {
@@ -250,11 +257,13 @@ pub(super) fn pictures(
             "name": planned.name(),
             "frames_in_all": frames.len(),
             "maps_in_all": own.recorded,
+            "detailed": own.positions.iter().filter(|position| own.detailed.contains(position)).count(),
             "layers": layers.collect::<Vec<_>>(),
+            "colours": colours.collect::<Map<_, _>>(),
             "frames": shown.collect::<Vec<_>>(),
         })
     };
-    series.iter().zip(pictures.there()).map(one).collect()
+    series.iter().zip(pictures.there()).zip(pictures.colour_ranges()).map(one).collect()
 }
 
 /// The label of an estimate, with a remark if it is shown aligned.

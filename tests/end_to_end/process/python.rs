@@ -417,7 +417,10 @@ fn invalid_values_fail_the_frame_with_node_port_and_pixel() {
             "camera: { focal_px: -90 }",
             "invalid calibration at port `camera`: its `focal_px` is -90.0; it must be finite and greater than 0",
         ),
-        ("camera: { baseline_m: -0.5 }", "its `baseline_m` is -0.5; it must be finite, and greater than 0 or, for a single camera, 0"),
+        (
+            "camera: { baseline_m: -0.5 }",
+            "its `baseline_m` is -0.5; it must be finite, and greater than 0 or, for a single camera, 0",
+        ),
         ("camera: { cx_px: \"nan\" }", "its `cx_px` is NaN"),
         ("nulls: true", "its value at `depth` is not a valid depth: an item of `data` is null"),
     ];
