@@ -20,8 +20,8 @@ use depthloom_runs::environment::{self, ENVIRONMENT, Environment};
 use depthloom_runs::reuse::{self, Reused};
 use depthloom_runs::run_folder::RunFolder;
 use depthloom_runs::{
-    File, FrameFailure, Frames, RECORDING, TIMINGS, failed, files_in, frames_and_failures, models, outdated_files,
-    run_failed, write_timings,
+    File, FrameFailure, Frames, GitState, RECORDING, TIMINGS, failed, files_in, frames_and_failures, models,
+    outdated_files, run_failed, write_timings,
 };
 use depthloom_terminal::{CliError, ExitCode, print, print_path, say};
 use schemars::JsonSchema;
@@ -87,6 +87,9 @@ pub(crate) fn carry_out(
 ) -> Result<(ExitCode, PathBuf), CliError> {
     let Loaded { stored, read, .. } = loaded;
     let plan = ready.plan.clone();
+    // The first files are those of the experiment. They may change while it runs.
+    let written = plan.written.iter().map(|(_, text)| text.as_str());
+    let git = GitState::of(read.iter().map(PathBuf::as_path).zip(written));
     if args.samples {
         depthloom_analysis::check_samples(&plan).map_err(failed)?;
     }
@@ -109,8 +112,9 @@ pub(crate) fn carry_out(
         Ok(recorded) => recorded,
         Err(ended) => return Err(ended.stop(folder, remote.is_some())),
     };
-    let finished =
-        finish(args, &folder, prepared, interrupt, || environment::describe(options.workers, options.window, &read));
+    let finished = finish(args, &folder, prepared, interrupt, || {
+        environment::describe(options.workers, options.window, &read, git)
+    });
     let Finished { report, environment, key, frames, failures } = finished.map_err(|stop| {
         let partial = folder.partial.display();
         stop.also(format!("the recording is complete: `depthloom report {partial}` writes its tables"))

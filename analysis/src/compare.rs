@@ -11,6 +11,7 @@ mod limit;
 mod output;
 mod side;
 mod table;
+mod with_best;
 
 use depthloom_graphs::counted;
 use depthloom_graphs::language::glob;
@@ -22,6 +23,7 @@ pub(crate) use distance::{DistancePair, DistanceRow, Statistic};
 pub use output::ComparisonOutput;
 pub use side::{Side, names};
 pub use table::Comparison;
+pub(crate) use with_best::{Differences, with_best};
 
 use crate::ablation::{Ablation, Row, Selection, scored, select_frames, shared_scores, source_keys};
 use crate::error::{AnalysisError, caught, listed, unknown};

@@ -2,6 +2,7 @@
 
 mod choice;
 mod data;
+mod leading;
 
 use std::io::BufWriter;
 use std::path::Path;
@@ -73,6 +74,14 @@ fn written(
     let mut series = choice::series(recording, &estimates, &shown, table, &scores);
     let mut notes = warnings(recording, None);
     notes.extend(summary.notes.iter().cloned());
+    let source = source_keys(recording);
+    let ablation = Ablation::new(plan, &estimates, &scores, &source, None);
+    let titles = Titles::new([plan]);
+    let shown_table = table.map(|table| -> Result<_, AnalysisError> {
+        let mut shown_table = data::table(table, &estimates, &shown, &titles);
+        leading::add(&mut shown_table, table, recording, (&ablation, &estimates), output.stop)?;
+        Ok(shown_table)
+    });
     let mut data = json!({
         "experiment": plan.experiment,
         "description": plan.description,
@@ -80,11 +89,8 @@ fn written(
         "variants": plan.variants.len(),
         "condition": summary.recording,
         "notes": notes,
-        "table": table.map(|table| data::table(table, &estimates)),
-        "answers": table.map_or(Ok(Vec::new()), |table| {
-            let source = source_keys(recording);
-            data::query_tables(&Ablation::new(plan, &estimates, &scores, &source, None), table, &Titles::new([plan]))
-        })?,
+        "table": shown_table.transpose()?,
+        "answers": table.map_or(Ok(Vec::new()), |table| data::query_tables(&ablation, table, &titles))?,
         "estimates": data::estimates(&estimates, &shown),
         "estimates_in_all": estimates.len(),
         "distances": data::distances(report, &shown),
@@ -97,6 +103,7 @@ fn written(
         "keys": data::keys(plan),
     });
     // Frees the memory for the pictures.
+    drop(ablation);
     drop(scores);
     let drawing = plan_drawing(plan);
     let numbers = (data.to_string().len() + drawing.len()) as u64;

@@ -49,20 +49,35 @@ fn the_page_shows_the_results_and_reacts_to_pointer_and_keys() {
     // The table has the numbers of table.csv, marks the best, sorts, and shows the paper's numbers on demand.
     let rows = read_csv(&run.join("table.csv"));
     assert_eq!(page.eval("document.querySelectorAll('#scores tbody tr').length"), rows.len());
-    let first = "[...document.querySelectorAll('#scores tbody tr:first-child td')].map((td) => td.title)";
-    let shown = page.eval(first);
     let abs_rel =
         "[...document.querySelectorAll('#scores thead th')].findIndex((th) => th.textContent.startsWith('abs_rel'))";
     let column = page.eval(abs_rel).as_u64().expect("a column") as usize;
-    let ours = number(&rows[0], "abs_rel");
-    let theirs: f64 = shown[column].as_str().expect("a title").parse().expect("a number");
-    assert!((ours - theirs).abs() <= 1e-6 * ours, "{ours} in table.csv, {theirs} on the page");
+    let column_values =
+        format!("[...document.querySelectorAll('#scores tbody tr')].map((tr) => Number(tr.children[{column}].title))");
+    let mut values_of_column = |page: &mut Browser| -> Vec<f64> {
+        let values = page.eval(&column_values);
+        values.as_array().expect("a column").iter().filter_map(serde_json::Value::as_f64).collect()
+    };
+    // The best rows are first, in each pixel set; a button restores the order of table.csv.
+    let shown = values_of_column(page);
+    let sets: std::collections::HashSet<&str> = rows.iter().map(|row| row["set"].as_str()).collect();
+    let breaks = shown.windows(2).filter(|pair| pair[0] > pair[1]).count();
+    assert!(shown.len() == rows.len() && breaks < sets.len(), "{shown:?}");
+    page.eval("[...document.querySelectorAll('#table button')].find((button) => button.textContent === 'order of the experiment').click()");
+    for (theirs, row) in values_of_column(page).into_iter().zip(&rows) {
+        let ours = number(row, "abs_rel");
+        assert!((ours - theirs).abs() <= 1e-6 * ours, "{ours} in table.csv, {theirs} on the page");
+    }
+    // Six frames are too few for several tests.
+    assert_eq!(page.eval("document.querySelectorAll('#scores .verdict').length"), 0);
+    let tested = page.eval("document.querySelector('#table .tested').textContent");
+    assert!(tested.as_str().is_some_and(|text| text.contains("6 frames are too few")), "{tested}");
+    // Each variant has its own colour.
+    let strokes = "new Set([...document.querySelectorAll('#scores tbody tr')].filter((tr) => tr.textContent.includes('fused')).map((tr) => tr.querySelector('svg.line line').getAttribute('stroke'))).size";
+    assert_eq!(page.eval(strokes), 2);
     assert!(page.eval("document.querySelectorAll('#scores td.best').length").as_u64() > Some(0));
     page.eval(&format!("document.querySelectorAll('#scores thead button')[{column}].click()"));
-    let values = page.eval(&format!(
-        "[...document.querySelectorAll('#scores tbody tr')].map((tr) => Number(tr.children[{column}].title))"
-    ));
-    let values: Vec<f64> = values.as_array().expect("a column").iter().filter_map(serde_json::Value::as_f64).collect();
+    let values = values_of_column(page);
     assert!(values.len() == rows.len() && values.is_sorted(), "{values:?}");
     page.eval("document.getElementById('paper').click()");
     assert!(page.eval("document.querySelectorAll('#scores .beside').length").as_u64() >= Some(8));
@@ -91,6 +106,36 @@ fn the_page_shows_the_results_and_reacts_to_pointer_and_keys() {
     }
     page.until("depthloomPage.state.place === 1 && !depthloomPage.state.busy");
     assert_ne!(page.eval(sum), before, "another frame has another picture");
+
+    // A filter leaves some frames, through which slider and buttons move.
+    let typed = |page: &mut Browser, field: &str, text: &str| {
+        page.eval(&format!(
+            "(() => {{ const field = document.getElementById('{field}'); field.value = {text:?}; field.dispatchEvent(new Event('input')); }})()"
+        ));
+        page.until("!depthloomPage.state.busy");
+    };
+    let count = "document.getElementById('filter-count').textContent";
+    let visible = "depthloomPage.state.visible";
+    typed(page, "filter-id", "000004");
+    assert_eq!(page.eval(count), "1 of 6 frames match");
+    assert_eq!(page.eval("depthloomPage.state.part.frames[depthloomPage.state.place].id"), "000004_10");
+    typed(page, "filter-id", "");
+    let scores = page.eval("JSON.parse(document.getElementById('data').textContent).scores[0].lines.find((line) => JSON.parse(document.getElementById('data').textContent).estimates[line.estimate].name === 'fused').values.abs_rel");
+    let mut sorted: Vec<f64> =
+        scores.as_array().expect("values").iter().filter_map(serde_json::Value::as_f64).collect();
+    sorted.sort_by(f64::total_cmp);
+    typed(page, "filter-condition", &format!("abs_rel > {}", f64::midpoint(sorted[2], sorted[3])));
+    assert_eq!((page.eval(count), page.eval(&format!("{visible}.length"))), ("3 of 6 frames match".into(), 3.into()));
+    page.eval("document.querySelector('[aria-label=\"previous frame\"]').click()");
+    page.until(&format!("!depthloomPage.state.busy && {visible}.includes(depthloomPage.state.place)"));
+    typed(page, "filter-condition", "abs_rel > nine");
+    assert!(page.eval(count).as_str().is_some_and(|text| text.contains("a metric, a comparison and a number")));
+    typed(page, "filter-condition", "abs_rel > 9");
+    assert_eq!(page.eval(count), "0 of 6 frames match");
+    page.eval("[...document.querySelectorAll('#filter button')].find((button) => button.textContent === 'all frames').click()");
+    page.until("!depthloomPage.state.busy && depthloomPage.state.visible.length === 6");
+    page.eval("depthloomPage.show(1)");
+    page.until("depthloomPage.state.place === 1 && !depthloomPage.state.busy");
 
     // The values on hover equal the recorded ones.
     page.point_at(".view:nth-child(2) .glass", (0.5, 0.9));

@@ -7,7 +7,7 @@ use depthloom_graphs::ValueType;
 use depthloom_graphs::contracts::Slot;
 use depthloom_graphs::plan::{FrameIndex, RunId, VariantId};
 use depthloom_recording::Recording;
-use depthloom_scores::{Align, PixelSet};
+use depthloom_scores::{Align, Metric, PixelSet, Settings};
 
 use crate::ablation::ScoreTable;
 use crate::estimates::Estimate;
@@ -23,6 +23,8 @@ const MOST_LAYERS: usize = 32;
 const MOST_FRAMES: usize = 200;
 const MOST_UNSCORED: usize = 40;
 const FEW: usize = 10;
+/// The maximum number of frames of a scored stage run with intermediate maps and further images.
+const MOST_DETAILED: usize = 12;
 /// The maximum number of frames in the figure of scores by frame.
 const MOST_POINTS: usize = 1000;
 /// The number of worst and of best frames of each estimate that always have pictures.
@@ -78,10 +80,14 @@ pub(super) fn series(
             (false, _) => FEW.min(MOST_UNSCORED / others),
         };
         let extremes = extremes(series, estimates, scores);
+        let worst = worst(series, estimates, scores);
         let with_maps: Vec<FrameIndex> = FrameIndex::all(recording.frames(series.run).len())
             .step_by(usize::try_from(plan.every.max(1)).unwrap_or(usize::MAX))
             .collect();
         series.positions = evenly(&with_maps, &extremes, most.max(1));
+        // Maps of a stage run without estimates are not intermediate.
+        let most = if is_scored(series) { MOST_DETAILED } else { usize::MAX };
+        series.detailed = evenly(&series.positions, &worst, most).into_iter().collect();
     }
     all.retain(|series| !series.positions.is_empty());
     all
@@ -141,17 +147,27 @@ fn layers(
             }
         }
         let name = output.topic.strip_prefix(&planned.prefix).unwrap_or(&output.topic).trim_start_matches('/');
-        found.push(Layer {
+        // A map that is scored with several alignments is shown with each of them.
+        let mut by_alignment: Vec<(Option<Settings>, Vec<usize>)> = Vec::new();
+        for &index in shown_estimates.into_iter().flatten() {
+            let aligned = estimates[index].settings.filter(|settings| settings.align != Align::None);
+            match by_alignment.iter_mut().find(|(known, _)| *known == aligned) {
+                Some((_, indices)) => indices.push(index),
+                None => by_alignment.push((aligned, vec![index])),
+            }
+        }
+        if by_alignment.is_empty() {
+            by_alignment.push((None, Vec::new()));
+        }
+        found.extend(by_alignment.into_iter().map(|(aligned, estimates)| Layer {
             topic: output.topic.clone(),
             name: name.to_owned(),
             role,
             value_type: output.value_type.clone(),
-            estimates: shown_estimates.cloned().unwrap_or_default(),
+            estimates,
             truth: None,
-            aligned: shown_estimates
-                .and_then(|shown| estimates[*shown.first()?].settings)
-                .filter(|settings| settings.align != Align::None),
-        });
+            aligned,
+        }));
     }
     // A stable sort keeps the order of the plan within a role.
     found.sort_by_key(|layer| layer.role as u8);
@@ -161,26 +177,50 @@ fn layers(
         found[place].truth = truth.and_then(|truth| found.iter().position(|layer| layer.topic == truth));
     }
     let recorded = maps().count();
-    (!found.is_empty()).then_some(Series { run, layers: found, recorded, positions: Vec::new() })
+    (!found.is_empty()).then_some(Series {
+        run,
+        layers: found,
+        recorded,
+        positions: Vec::new(),
+        detailed: BTreeSet::new(),
+    })
 }
 
 /// The positions of the frames on which the pictured estimates are worst and best by their first metric.
 fn extremes(series: &Series, estimates: &[Estimate], scores: &[FrameScore]) -> BTreeSet<FrameIndex> {
-    let mut positions = BTreeSet::new();
-    for &index in series.layers.iter().flat_map(|layer| &layer.estimates) {
-        let Some(metric) = estimates[index].metrics.first() else { continue };
-        let Some(set) = set_of(&estimates[index]) else { continue };
+    let of_estimate = |frames: Vec<FrameIndex>| {
+        let some = frames.iter().take(EXTREMES).chain(frames.iter().rev().take(EXTREMES));
+        some.copied().collect::<Vec<_>>()
+    };
+    ranked(series, estimates, scores).flat_map(|(_, frames)| of_estimate(frames)).collect()
+}
+
+/// The positions of the frames on which each pictured estimate is worst by its first metric.
+fn worst(series: &Series, estimates: &[Estimate], scores: &[FrameScore]) -> BTreeSet<FrameIndex> {
+    let of_estimate = |(metric, frames): (&Metric, Vec<FrameIndex>)| match metric.more_is_better {
+        true => frames.first().copied(),
+        false => frames.last().copied(),
+    };
+    ranked(series, estimates, scores).filter_map(of_estimate).collect()
+}
+
+/// For each pictured estimate, its first metric and the frames by its value, the smallest first.
+fn ranked<'a>(
+    series: &'a Series,
+    estimates: &'a [Estimate],
+    scores: &'a [FrameScore],
+) -> impl Iterator<Item = (&'static Metric, Vec<FrameIndex>)> + 'a {
+    series.layers.iter().flat_map(|layer| &layer.estimates).filter_map(move |&index| {
+        let metric = *estimates[index].metrics.first()?;
+        let set = set_of(&estimates[index])?;
         let own =
             scores.iter().filter(|score| score.estimate == index && score.row.set == set && score.row.zone.is_empty());
         let mut values: Vec<(f64, FrameIndex)> = own
             .filter_map(|score| Some((score.row.get(metric).filter(|value| value.is_finite())?, score.position)))
             .collect();
         values.sort_by(|a, b| a.0.total_cmp(&b.0).then(a.1.cmp(&b.1)));
-        positions.extend(
-            values.iter().take(EXTREMES).chain(values.iter().rev().take(EXTREMES)).map(|(_, position)| *position),
-        );
-    }
-    positions
+        Some((metric, values.into_iter().map(|(_, position)| position).collect()))
+    })
 }
 
 /// The pixel set by which an estimate is ranked: all pixels with ground truth, if it was scored on them.

@@ -3,13 +3,14 @@
 use depthloom_graphs::plan::{FrameIndex, NodeId, RunId};
 use std::collections::{BTreeMap, BTreeSet, HashMap};
 
-use depthloom_figures::colour_of;
 use depthloom_figures::page::{Layer, Pictures, Scale, Series};
+use depthloom_figures::{EstimateKey, Look, looks};
 use depthloom_recording::{RecordedFrame, RecordedPlan, Recording};
 use depthloom_scores::PixelSet;
 use serde_json::{Map, Value as Json, json};
 
 use super::choice;
+use super::leading::leading_metric;
 use crate::ablation::{Ablation, ScoreTable, Selection, effects_table, paper_number, zones_table};
 use crate::distance::{DistanceBin, Spread};
 use crate::error::AnalysisError;
@@ -20,15 +21,13 @@ use crate::report::ReportData;
 use crate::scores::FrameScore;
 use crate::statistics::Interval;
 use crate::tables::best::Mark;
-use crate::tables::{RowKeys, plan_key, variant_of};
+use crate::tables::{Level, RowKeys, plan_key, variant_of};
 use crate::titles::Titles;
 
 /// The maximum number of listed failures.
 const MOST_FAILURES: usize = 200;
 /// The maximum number of nodes in the list of keys.
 const MOST_NODES: usize = 400;
-/// The metric of the tables of effects and zones: the first of these that was scored.
-const LEADING: [&str; 3] = ["abs_rel", "d1", "epe"];
 /// Significant digits of curves and of tables.
 const DRAWN: usize = 5;
 const TABLED: usize = 7;
@@ -44,10 +43,12 @@ fn numbers(all: impl IntoIterator<Item = Option<f64>>) -> Json {
 }
 
 /// The table: its metrics, and one row per estimate and pixel set.
-pub(super) fn table(table: &ScoreTable, estimates: &[Estimate]) -> Json {
+pub(super) fn table(table: &ScoreTable, estimates: &[Estimate], shown: &[usize], titles: &Titles) -> Json {
     let by_label: HashMap<&str, &Estimate> =
         estimates.iter().map(|estimate| (estimate.label.as_str(), estimate)).collect();
-    let names = names(estimates);
+    let looks = looks_of(estimates, shown);
+    let look_by_label: HashMap<&str, Look> =
+        estimates.iter().map(|estimate| estimate.label.as_str()).zip(looks).collect();
     let metrics = table.metrics.iter().map(|metric| {
         json!({
             "name": metric.name, "plain": metric.plain, "unit": metric.unit, "more": metric.more_is_better,
@@ -55,6 +56,7 @@ pub(super) fn table(table: &ScoreTable, estimates: &[Estimate]) -> Json {
         })
     });
     let ends = |interval: Interval| [interval.low, interval.high].map(|end| number(Some(end), TABLED));
+    let shown_level = |level: &Level| level.value.as_deref().map(|value| titles.value(&level.axis, value).to_owned());
     let rows = table.rows.iter().map(|row| {
         let paper = by_label.get(row.label.as_str()).and_then(|estimate| paper_scores(estimate, row.set));
         let papers =
@@ -63,9 +65,15 @@ pub(super) fn table(table: &ScoreTable, estimates: &[Estimate]) -> Json {
             "stage": row.key.stage,
             "variant": row.key.variant,
             "estimate": row.estimate,
-            "colour": colour_of(&names, &row.estimate),
+            "colour": look_by_label.get(row.label.as_str()).map(|look| look.colour),
+            "dash": look_by_label.get(row.label.as_str()).map(|look| look.dash),
             "set": row.set.name(),
             "factors": row.key.factors.iter().map(|level| &level.value).collect::<Vec<_>>(),
+            "shown": {
+                "variant": row.key.variant.as_deref().map(|variant| titles.variant(variant)),
+                "estimate": titles.estimate(&row.estimate),
+                "factors": row.key.factors.iter().map(shown_level).collect::<Vec<_>>(),
+            },
             "frames": row.frames,
             "density": number(row.density, TABLED),
             "means": row.values.iter().map(|value| number(*value, TABLED)).collect::<Vec<_>>(),
@@ -74,7 +82,8 @@ pub(super) fn table(table: &ScoreTable, estimates: &[Estimate]) -> Json {
             "paper": paper.map(|_| papers()),
         })
     });
-    let axes = table.rows.first().map(|row| row.key.factors.iter().map(|level| &level.axis).collect::<Vec<_>>());
+    let axes = table.rows.first();
+    let axes = axes.map(|row| row.key.factors.iter().map(|level| titles.axis(&level.axis)).collect::<Vec<_>>());
     json!({
         "about": table.about(),
         "best": table.marks(),
@@ -90,11 +99,7 @@ pub(super) fn query_tables(
     table: &ScoreTable,
     titles: &Titles,
 ) -> Result<Vec<Json>, AnalysisError> {
-    let was_scored = |name: &&str| table.metrics.iter().any(|metric| metric.name == *name);
-    let Some(metric) = LEADING.into_iter().find(was_scored).or_else(|| table.metrics.first().map(|metric| metric.name))
-    else {
-        return Ok(Vec::new());
-    };
+    let Some(metric) = leading_metric(table).map(|place| table.metrics[place].name) else { return Ok(Vec::new()) };
     let all = Selection::default();
     let queries = [
         ("Effect of each axis", effects_table(ablation, &all, metric)),
@@ -115,21 +120,27 @@ pub(super) fn query_tables(
     Ok(tables)
 }
 
-/// The distinct names in their order, which determines the colours.
-fn names(estimates: &[Estimate]) -> Vec<&str> {
-    let mut known = BTreeSet::new();
-    estimates.iter().map(|estimate| estimate.name.as_str()).filter(|name| known.insert(*name)).collect()
+/// The colour and the line style of each estimate.
+fn looks_of(estimates: &[Estimate], shown: &[usize]) -> Vec<Look> {
+    let shown: BTreeSet<usize> = shown.iter().copied().collect();
+    let keys = estimates.iter().enumerate().map(|(place, estimate)| EstimateKey {
+        stage: &estimate.row_key.stage,
+        name: &estimate.name,
+        variant: estimate.row_key.variant.as_deref(),
+        is_shown: shown.contains(&place),
+    });
+    looks(&keys.collect::<Vec<_>>())
 }
 
 /// The estimates with curves; other data refers to them by index.
 pub(super) fn estimates(estimates: &[Estimate], shown: &[usize]) -> Json {
-    let names = names(estimates);
+    let looks = looks_of(estimates, shown);
     let one = |&index: &usize| {
         let estimate = &estimates[index];
         json!({
-            "label": estimate.label, "name": estimate.name, "run": estimate.run,
+            "label": estimate.title, "name": estimate.name, "run": estimate.run,
             "stage": estimate.row_key.stage, "variant": estimate.row_key.variant,
-            "colour": colour_of(&names, &estimate.name), "preset": estimate.preset,
+            "colour": looks[index].colour, "dash": looks[index].dash, "preset": estimate.preset,
             "sets": estimate.sets.iter().map(|set| set.name()).collect::<Vec<_>>(),
             "set": choice::set_of(estimate).map(PixelSet::name),
             "metrics": estimate.metrics.iter().map(|metric| metric.name).collect::<Vec<_>>(),
@@ -224,7 +235,10 @@ pub(super) fn pictures(
     pictures: &Pictures,
 ) -> Json {
     let place = |index: &usize| shown.iter().position(|known| known == index);
-    let one = |(own, there): (&Series, &Vec<bool>)| {
+    let one = |((own, there), colours): ((&Series, &Vec<bool>), &Vec<(&'static str, [f64; 2])>)| {
+        let colours = colours
+            .iter()
+            .map(|(value_type, ends)| ((*value_type).to_owned(), numbers(ends.iter().copied().map(Some))));
         let planned = &recording.plan().runs[own.run];
         let frames = recording.frames(own.run);
         let layers = own.layers.iter().zip(there).map(|(layer, there)| {
@@ -258,18 +272,20 @@ pub(super) fn pictures(
             "name": planned.name(),
             "frames_in_all": frames.len(),
             "maps_in_all": own.recorded,
+            "detailed": own.positions.iter().filter(|position| own.detailed.contains(position)).count(),
             "layers": layers.collect::<Vec<_>>(),
+            "colours": colours.collect::<Map<_, _>>(),
             "frames": shown.collect::<Vec<_>>(),
         })
     };
-    series.iter().zip(pictures.there()).map(one).collect()
+    series.iter().zip(pictures.there()).zip(pictures.colour_ranges()).map(one).collect()
 }
 
 /// The label of an estimate, with a remark if it is shown aligned.
 fn label(estimate: &Estimate, layer: &Layer) -> String {
     match &layer.aligned {
-        Some(settings) => format!("{} (aligned: {})", estimate.label, settings.align.name()),
-        None => estimate.label.clone(),
+        Some(settings) => format!("{} (aligned: {})", estimate.title, settings.align.name()),
+        None => estimate.title.clone(),
     }
 }
 

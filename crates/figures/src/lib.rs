@@ -15,7 +15,7 @@ mod scored_map;
 mod spread;
 mod xml;
 
-pub use colours::{BLUE, OTHERS, RED, colour, colour_of, tint};
+pub use colours::{BLUE, EstimateKey, Look, OTHERS, RED, colour, looks, tint};
 pub use comparison::{LINE_PT, Layout, Place, compared_curves, distinct};
 pub use curves::learning_curves;
 pub use drawing::{Anchor, BLACK, Colour, Drawing, Fill, Picture, Stroke};

@@ -5,6 +5,7 @@
 //! its own that is decoded when it is looked at. Whatever comes from an experiment is text to the page, never markup:
 //! JSON contains no `<`, and text in markup is escaped.
 
+mod colour_range;
 mod maps;
 mod pictures;
 mod plan;

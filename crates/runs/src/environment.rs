@@ -12,6 +12,8 @@ use schemars::JsonSchema;
 use serde::Serialize;
 use serde_json::Value as Json;
 
+use crate::git::GitState;
+
 /// The file with place and time of a run.
 pub const ENVIRONMENT: &str = "environment.json";
 
@@ -27,6 +29,8 @@ pub struct Environment {
     /// The version of the program.
     depthloom: &'static str,
     arguments: Vec<String>,
+    /// The git repository of the experiment; null if there is none.
+    git: Option<GitState>,
     os: &'static str,
     architecture: &'static str,
     cores: u64,
@@ -65,12 +69,13 @@ pub fn reads(read: &[PathBuf]) -> Vec<String> {
 }
 
 /// The engine's version, the machine, the run's size and time.
-pub fn describe(workers: usize, window: Option<usize>, read: &[PathBuf]) -> Environment {
+pub fn describe(workers: usize, window: Option<usize>, read: &[PathBuf], git: Option<GitState>) -> Environment {
     // JSON strings are UTF-8: other bytes of an argument are replaced.
     let arguments = std::env::args_os().map(|argument| argument.to_string_lossy().into_owned()).collect();
     Environment {
         depthloom: env!("CARGO_PKG_VERSION"),
         arguments,
+        git,
         os: std::env::consts::OS,
         architecture: std::env::consts::ARCH,
         cores: cores() as u64,

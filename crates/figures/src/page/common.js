@@ -35,14 +35,9 @@ function short(number, digits = 4) {
 const unitOf = (metric) => D.table?.metrics.find((one) => one.name === metric)?.unit || "";
 const plainOf = (metric) => D.table?.metrics.find((one) => one.name === metric)?.plain || metric;
 
-/** Estimates of the same name have the same colour and different dashes. */
+/** Line styles. */
 const DASHES = [[], [8, 4], [2, 3], [10, 3, 2, 3], [4, 2], [14, 4], [2, 6], [6, 2, 2, 2, 2, 2]];
-const seen = new Map();
-for (const of of D.estimates) {
-  const place = seen.get(of.name) ?? 0;
-  seen.set(of.name, place + 1);
-  of.dash = DASHES[place % DASHES.length];
-}
+for (const of of [...D.estimates, ...(D.table?.rows ?? [])]) of.dash = DASHES[(of.dash ?? 0) % DASHES.length];
 function swatch(of) {
   const [svg, line] = ["svg", "line"].map((tag) => document.createElementNS("http" + "://www.w3.org/2000/svg", tag));
   for (const [name, value] of Object.entries({ class: "line", width: 34, height: 8, "aria-hidden": "true" })) svg.setAttribute(name, value);

@@ -11,6 +11,9 @@ const colours = (terms) => Uint32Array.from({ length: 256 }, (_, i) => {
 const LOOKS = { turbo: colours(TURBO), magma: colours(MAGMA), grey: Uint32Array.from({ length: 256 }, (_, i) => (255 << 24) | (i << 16) | (i << 8) | i) };
 const KEPT = 192e6; // bytes of decoded maps
 
+const CONDITION = /^([\w.]+)\s*(<=|>=|!=|==?|<|>)\s*([-+]?(?:\d+\.?\d*|\.\d+)(?:e[-+]?\d+)?)$/i;
+const COMPARISONS = { "<": (a, b) => a < b, ">": (a, b) => a > b, "<=": (a, b) => a <= b, ">=": (a, b) => a >= b, "=": (a, b) => a === b, "==": (a, b) => a === b, "!=": (a, b) => a !== b };
+
 let goTo = () => {};
 
 /** A picture of its base64, with its bytes as they are. */
@@ -62,7 +65,7 @@ function frameViews() {
   const first = parts.find((part) => D.scores.some((of) => of.run === part.run)) ?? parts[0];
   const kept = new Map();
   let keptBytes = 0;
-  const state = { part: first, place: 0, views: [], at: null, zoom: 1, pan: [0, 0], relative: false, ranges: new Map(), wanted: 0, busy: false, drawn: 0 };
+  const state = { part: first, place: 0, visible: [], views: [], at: null, zoom: 1, pan: [0, 0], relative: false, wanted: 0, busy: false, drawn: 0 };
   const box = byId("frames-body");
   const range = el("input", { type: "range", id: "slider", min: 0, step: 1, ariaLabel: "frame" });
   const told = el("output", { id: "frame-name", htmlFor: "slider" });
@@ -135,29 +138,10 @@ function frameViews() {
     return keys;
   };
 
-  // Colours: the range of all depths of the first frame that is looked at, and of disparities and the like; errors have one that is always the same.
+  // Colours: the same range on all frames, that of the ground truth if there is any; errors always have the same range.
   const errorRange = (layer) => (state.relative ? [0.01, 1] : isDisparity(layer) ? [0.1, 20] : [0.05, 20]);
-  const rangeOf = (kind) => state.ranges.get(`${state.part.run} ${kind}`)?.range;
-  const learnRange = (kind, map, scale) => {
-    const key = `${state.part.run} ${kind}`;
-    if (kind === "weight" || kind === "mask") return state.ranges.set(key, { range: [0, 1] });
-    const sample = [];
-    for (let i = 0; i < map.codes.length; i += 7) { const number = numberAt(map, scale, i); if (number !== null) sample.push(number); }
-    if (!sample.length) return undefined;
-    sample.sort((a, b) => a - b);
-    const [from, to] = [sample[Math.floor(0.01 * sample.length)], sample[Math.floor(0.99 * (sample.length - 1))]];
-    const maps = [...(state.ranges.get(key)?.maps ?? []), [from, Math.max(to, from * 1.01 + 1e-6)]];
-    return state.ranges.set(key, { maps, range: robust(maps, scale.log) });
-  };
-  /** What all maps span, but no farther from what most of them do than that is wide: one bad map does not make all others one colour. */
-  const robust = (maps, log) => {
-    const there = log ? (number) => Math.log(Math.max(number, 1e-6)) : (number) => number, back = log ? Math.exp : (number) => number;
-    const sorted = (end) => maps.map((map) => there(map[end])).sort((a, b) => a - b);
-    const [lows, highs] = [sorted(0), sorted(1)];
-    const [low, high] = [lows[lows.length >> 1], highs[(highs.length - 1) >> 1]];
-    const room = log ? Math.log(4) : Math.max(high - low, 0);
-    return [back(Math.max(lows[0], low - room)), back(Math.min(highs[highs.length - 1], high + room))];
-  };
+  const isShare = (kind) => kind === "weight" || kind === "mask";
+  const rangeOf = (kind) => (isShare(kind) ? [0, 1] : state.part.colours[kind]);
   const looks = new Map();
   /** The colour of each code. */
   const lookOf = (kind, scale) => {
@@ -165,7 +149,7 @@ function frameViews() {
     const key = `${kind} ${scale.log} ${scale.step} ${from} ${to}`;
     if (!looks.has(key)) {
       if (looks.size > 40) looks.clear();
-      const table = kind === "weight" || kind === "mask" ? LOOKS.grey : LOOKS.turbo;
+      const table = isShare(kind) ? LOOKS.grey : LOOKS.turbo;
       const near = kind !== "depth"; // what is near is red, as is a large disparity
       const look = new Uint32Array(65536), numbers = numbersOf(scale);
       const map = scale.log ? Math.log : (number) => number;
@@ -322,16 +306,7 @@ function frameViews() {
     const asked = needed.map((layer) => [layer, value(part, frame, layer)]);
     const late = asked.some(([, of]) => of === undefined);
     const maps = new Map(await Promise.all(asked.map(async ([layer, of]) => [layer, (await of) ?? null])));
-    if (part !== state.part || views !== state.views) return;
-    let learnt = false;
-    for (const view of views) {
-      const map = maps.get(view.layer);
-      if (map?.codes && view.kind !== "error" && !state.learnt?.has(`${part.run} ${view.layer}`)) {
-        (state.learnt ??= new Set()).add(`${part.run} ${view.layer}`);
-        learnRange(view.kind, map, part.layers[view.layer].scale);
-        learnt = true;
-      }
-    }
+    if (part !== state.part || views !== state.views) return false;
     for (const view of views) {
       const map = maps.get(view.layer), truth = view.truth === undefined ? true : maps.get(view.truth);
       const there = map && truth && (truth === true || map.codes?.length === truth.codes?.length);
@@ -339,25 +314,26 @@ function frameViews() {
       view.canvas.style.visibility = there ? "" : "hidden";
       if (there) paint(view, map, truth);
     }
-    told.textContent = `${frame.id} · position ${frame.position} · ${state.place + 1} of ${part.frames.length}`;
+    const at = state.visible.indexOf(state.place);
+    told.textContent = `${frame.id} · position ${frame.position} · ${at < 0 ? "not among the" : `${at + 1} of`} ${state.visible.length}${isFiltered() ? " that match" : ""}`;
     range.setAttribute("aria-valuetext", told.textContent);
     wrong.replaceChildren(...(frame.failures ?? []).map((what) => el("p", { className: "note" }, `failed on this frame: ${what}`)));
-    if (learnt) colourBars();
     state.drawn += 1;
     read();
-    return late;
+    return true;
   };
   // One frame is drawn at a time; of those requested in the meantime only the last.
   const show = async (place) => {
     state.wanted = place;
     if (state.busy) return;
     state.busy = true;
+    let isDrawn;
     try {
       do {
         state.place = state.wanted;
-        range.value = state.place;
-        await draw();
-      } while (state.wanted !== state.place);
+        range.value = Math.max(0, state.visible.indexOf(state.place));
+        isDrawn = await draw();
+      } while (!isDrawn || state.wanted !== state.place);
     } finally {
       state.busy = false;
     }
@@ -368,6 +344,8 @@ function frameViews() {
     if (part !== state.part) setUp(part);
     // The nearest that has pictures.
     const nearest = part.frames.reduce((best, frame, i) => (Math.abs(frame.position - position) < Math.abs(part.frames[best].position - position) ? i : best), 0);
+    // A frame that was selected is shown, whether it matches the filter or not.
+    if (!state.visible.includes(nearest)) clearFilter();
     show(nearest);
     byId("frames").scrollIntoView();
     range.focus({ preventScroll: true });
@@ -403,6 +381,68 @@ function frameViews() {
     list();
   };
 
+  // The frames that slider and buttons move through: those that match the filter.
+  const filter = { part: null, line: null };
+  const idField = el("input", { type: "text", id: "filter-id", placeholder: "part of a frame id", autocomplete: "off" });
+  const conditionField = el("input", { type: "text", id: "filter-condition", autocomplete: "off" });
+  const matched = el("output", { id: "filter-count", className: "quiet", htmlFor: "filter-id filter-condition" });
+  const conditions = el("span", { className: "controls" });
+  const example = () => `${Object.keys(filter.line.values).find((name) => name === "abs_rel") ?? Object.keys(filter.line.values)[0]} > 0.2`;
+  const isFiltered = () => Boolean(idField.value.trim() || conditionField.value.trim());
+  /** Whether a frame matches the condition on a metric; a text if the condition is invalid. */
+  const conditionOf = (text) => {
+    if (!text || !filter.line) return () => true;
+    const metrics = Object.keys(filter.line.values), found = CONDITION.exec(text);
+    if (!found) return `expected a metric, a comparison and a number, for example ${example()}`;
+    const [, name, comparison, number] = found;
+    const metric = metrics.find((known) => known === name) ?? metrics.find((known) => [known, plainOf(known)].some((one) => one.toLowerCase() === name.toLowerCase()));
+    if (!metric) return `unknown metric ${name}; available: ${metrics.join(", ")}`;
+    const values = filter.line.values[metric], at = new Map(filter.part.positions.map((position, i) => [position, i]));
+    return (frame) => {
+      const value = values[at.get(frame.position)] ?? null;
+      return value !== null && COMPARISONS[comparison](value, +number);
+    };
+  };
+  const filterFrames = () => {
+    const { frames } = state.part, words = idField.value.toLowerCase().split(/\s+/).filter(Boolean);
+    const condition = conditionOf(conditionField.value.trim()), isInvalid = typeof condition === "string";
+    conditionField.setAttribute("aria-invalid", String(isInvalid));
+    const matches = (frame) => words.every((word) => frame.id.toLowerCase().includes(word)) && (isInvalid || condition(frame));
+    state.visible = frames.map((_, place) => place).filter((place) => matches(frames[place]));
+    range.max = Math.max(0, state.visible.length - 1);
+    range.disabled = !state.visible.length;
+    matched.textContent = isInvalid ? condition : isFiltered() ? `${state.visible.length} of ${plural(frames.length, "frame")} match` : "";
+  };
+  const applyFilter = () => {
+    filterFrames();
+    if (!state.visible.length || state.visible.includes(state.place)) return show(state.place);
+    return show(state.visible.find((place) => place > state.place) ?? state.visible[state.visible.length - 1]);
+  };
+  const clearFilter = () => {
+    idField.value = conditionField.value = "";
+    applyFilter();
+  };
+  for (const field of [idField, conditionField]) {
+    field.addEventListener("input", applyFilter);
+    field.addEventListener("keydown", (event) => {
+      if (event.key === "Enter") range.focus();
+      if (event.key === "Escape") clearFilter();
+    });
+  }
+  /** The estimates whose metrics a condition can use. */
+  const setUpFilter = () => {
+    filter.part = D.scores.find((of) => of.run === state.part.run) ?? null;
+    const lines = (filter.part?.lines ?? []).filter((line) => Object.keys(line.values).length);
+    filter.line = lines.find((line) => D.estimates[line.estimate].name.startsWith("fus")) ?? lines[0] ?? null;
+    idField.value = conditionField.value = "";
+    if (!filter.line) return conditions.replaceChildren();
+    conditionField.placeholder = example();
+    const names = lines.map((line, i) => [String(i), lines.some((of) => of !== line && of.estimate === line.estimate) ? `${D.estimates[line.estimate].label}, ${line.set}` : D.estimates[line.estimate].label]);
+    const select = choose(names, String(lines.indexOf(filter.line)), (i) => { filter.line = lines[+i]; applyFilter(); });
+    select.ariaLabel = "estimate of the condition";
+    conditions.replaceChildren(label("and", conditionField), "of", select);
+  };
+
   const lay = (keys) => {
     const all = viewsOf(state.part);
     state.views = all.filter((view) => keys.has(view.key));
@@ -414,8 +454,8 @@ function frameViews() {
   const setUp = (part) => {
     state.part = part;
     state.place = Math.min(state.place, part.frames.length - 1);
-    state.learnt = new Set();
-    range.max = part.frames.length - 1;
+    setUpFilter();
+    filterFrames();
     const views = viewsOf(part), first = shownAtFirst(views, part);
     const kindOf = (view) => (view.kind === "error" ? "error" : part.layers[view.layer].role);
     const groups = [["image", "images"], ["truth", "ground truth"], ["estimate", "estimates"], ["error", "errors"], ["other", "intermediate maps"]];
@@ -433,12 +473,16 @@ function frameViews() {
   };
 
   const size = (share) => { grid.style.setProperty("--view", `${share}rem`); };
-  const step = (by) => show(Math.max(0, Math.min(state.part.frames.length - 1, state.place + by)));
-  range.addEventListener("input", () => show(+range.value));
+  const step = (by) => {
+    const next = by > 0 ? state.visible.find((place) => place > state.place) : state.visible.findLast((place) => place < state.place);
+    if (next !== undefined) show(next);
+  };
+  range.addEventListener("input", () => { if (state.visible.length) show(state.visible[+range.value]); });
   const steps = D.steps, all = D.pictures.reduce((sum, part) => sum + part.frames_in_all, 0), here = parts.reduce((sum, part) => sum + part.frames.length, 0);
   const reduced = [
     here < all ? `${here} of ${all.toLocaleString("en")} frames are shown, evenly spaced, with the worst and the best${D.every > 1 ? ` (maps were recorded on every ${D.every}th frame)` : ""}` : null,
     parts.some((part) => part.layers.length < part.maps_in_all && part.layers.every((layer) => layer.there)) ? `${parts.map((part) => `${part.layers.length} of ${part.maps_in_all}`).join(", ")} recorded maps are shown: those of the displayed estimates` : null,
+    parts.some((part) => part.detailed < part.frames.length) ? `intermediate maps and further images are shown on ${parts.map((part) => `${part.detailed} of ${part.frames.length}`).join(", ")} frames, evenly spaced, with the worst` : null,
     `maps are at most ${steps.widest} columns wide, each sample is one recorded pixel; depths are exact to ${short(50 * steps.depth, 2)} %, disparities to 1/${Math.round(2 / steps.disparity_px)} px, confidences to 1/512`,
   ].filter(Boolean);
   box.append(
@@ -447,6 +491,7 @@ function frameViews() {
     parts.length > 1 ? el("div", { className: "controls" }, label("stage", choose(parts.map((part) => [String(part.run), part.name]), String(first.run), (run) => { state.place = 0; setUp(parts.find((part) => String(part.run) === run)); }))) : "",
     jump,
     el("details", {}, el("summary", {}, "views"), which),
+    el("div", { className: "controls", id: "filter" }, label("frames with", idField), conditions, el("button", { type: "button", onclick: clearFilter }, "all frames"), matched),
     el("div", { className: "slider" }, el("button", { type: "button", ariaLabel: "previous frame", onclick: () => step(-1) }, "◀"), el("button", { type: "button", ariaLabel: "next frame", onclick: () => step(1) }, "▶"), range, told),
     wrong, grid, bars,
     el("div", { className: "controls" },

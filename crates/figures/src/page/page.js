@@ -59,6 +59,14 @@ function times() {
   }
 }
 
+/** The commit of the experiment's folder, and whether the experiment's files differ from it. */
+function commit() {
+  const G = D.environment?.git;
+  if (!G) return null;
+  const state = { true: "the experiment's files were modified", false: "the experiment's files were not modified" }[G.modified] ?? "unknown whether the experiment's files were modified";
+  return [el("code", {}, G.commit), `, ${state}`];
+}
+
 function again() {
   const quoted = (text) => (/^[\w@%+=:,./-]+$/.test(text) ? text : `'${text.replaceAll("'", "'\\''")}'`);
   const K = D.keys, body = byId("again-body"), command = D.environment?.arguments;
@@ -66,7 +74,7 @@ function again() {
   body.append(
     el("p", {}, "To repeat the run with the same parameters, from the run's folder:"), el("pre", {}, "depthloom run experiment.resolved.yaml"),
     el("p", {}, "Two runs with the same plan key are the same run. Nodes with the same cache key produce the same values: ", el("code", {}, "depthloom inspect --keys RUN"), " prints the keys, ", el("code", {}, "depthloom verify RUN --verify-bytes"), " recomputes the values and compares them."),
-    terms([["plan key", el("code", {}, K.plan)], ["depthloom", D.environment?.depthloom ?? null]]));
+    terms([["plan key", el("code", {}, K.plan)], ["git commit", commit()], ["depthloom", D.environment?.depthloom ?? null]]));
   const parameters = (of) => el("td", { className: "text wraps" }, Object.entries(of.params ?? {}).map(([name, value]) => `${name}: ${typeof value === "string" ? value : JSON.stringify(value)}`).join(", "));
   body.append(
     el("details", {}, el("summary", {}, `sources (${K.sources.length})`), grid([["stage", true], ["source", true], ["kind", true], ["parameters", true]], K.sources.map((of) => el("tr", {}, el("td", { className: "text" }, of.stage), el("td", { className: "text" }, of.name), el("td", { className: "text" }, `${of.kind} ${of.version}`), parameters(of))))),

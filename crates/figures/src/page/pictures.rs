@@ -28,21 +28,28 @@ use image::imageops::thumbnail;
 use serde_json::{Value as Json, json};
 
 use super::PageError;
-use super::maps::{COARSE, FINE, Samples, Scale, Steps, png};
+use super::colour_range::{RangedMap, colour_ranges};
+use super::maps::{COARSE, CodeRange, FINE, Samples, Scale, Steps, encode};
 use crate::scored_map::as_scored;
 
 /// The most bytes that the pictures take with the numbers of the page: with all else it has less than 40 MB.
 const MOST: u64 = 38_500_000;
 /// A page of few frames has this many bytes per frame, and no less than that: larger maps cost more to make, send and
 /// open than they show.
-const MOST_A_FRAME: u64 = 750_000;
+const MOST_A_FRAME: u64 = 400_000;
 const MOST_OF_FEW: u64 = 6_000_000;
 /// What the pictures have in any case.
 const LEAST: u64 = 4_000_000;
 /// A size whose estimate is above this share of what there is room for is not tried.
 const TRIED: f64 = 0.94;
-/// How many frames of each stage run are tried in every size.
+/// How many frames of each stage run are tried, and in which size: the bytes of other sizes are estimated from these.
 const PROBES: usize = 3;
+const PROBED: Size = SIZES[6];
+/// How the bytes of a picture grow with its width: at most by the first power above the probed width, at least by the
+/// second below it, where neighbouring pixels differ more.
+const GROWTH: (f64, f64) = (2.0, 1.6);
+/// The bytes of a map with fine steps, as a multiple of those with coarse steps.
+const FINE_BYTES: f64 = 1.4;
 /// The quality of JPEG images, of 100.
 const QUALITY: u8 = 78;
 /// How many topics are read at once: what a thread holds in memory.
@@ -87,6 +94,24 @@ const SIZES: [Size; 15] = [
     size(320, 176, 88, COARSE),
     size(320, 152, 76, COARSE),
 ];
+
+/// What the width of a picture depends on.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Class {
+    Image,
+    Main,
+    Other,
+}
+
+impl Size {
+    fn widest(&self, class: Class) -> u32 {
+        match class {
+            Class::Image => self.image,
+            Class::Main => self.main,
+            Class::Other => self.other,
+        }
+    }
+}
 
 /// What a map is on the page.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -143,6 +168,15 @@ pub struct Series {
     pub recorded: usize,
     /// The positions of its frames.
     pub positions: Vec<FrameIndex>,
+    /// Of these, the positions of the frames with intermediate maps and further images.
+    pub detailed: BTreeSet<FrameIndex>,
+}
+
+impl Series {
+    /// Whether the page shows a layer on a frame.
+    fn shows(&self, place: usize, position: FrameIndex) -> bool {
+        class_of(self, place) != Class::Other || self.detailed.contains(&position)
+    }
 }
 
 /// Pictures, and how they were made.
@@ -154,6 +188,8 @@ pub struct Pictures {
     file: File,
     /// By series and layer, whether any frame has it.
     there: Vec<Vec<bool>>,
+    /// By series, the ends of the colour scale of each value type.
+    colour_ranges: Vec<Vec<(&'static str, [f64; 2])>>,
     /// The number of maps that could not be read because their bytes are damaged.
     damaged: u64,
 }
@@ -179,17 +215,12 @@ impl Pictures {
         let room = TRIED * budget as f64;
         let mut level = 0;
         if all > PROBES {
-            // The first size that fits, by halves: each is smaller than the one before.
-            let (mut fits, mut last) = (SIZES.len(), 0.0);
-            while level < fits {
-                let tried = (level + fits) / 2;
-                let needed = probe(recording, series, SIZES[tried], output)?;
-                (level, fits) = if needed <= room { (level, tried) } else { (tried + 1, fits) };
-                last = needed;
-            }
-            if level == SIZES.len() {
-                level -= 1;
-                thin(series, room / last);
+            let probes = probe(recording, series, output)?;
+            let needed = |size: &Size| probes.iter().map(|probe| probe.bytes_in(size)).sum::<f64>();
+            level = SIZES.iter().position(|size| needed(size) <= room).unwrap_or(SIZES.len() - 1);
+            let share = room / needed(&SIZES[level]);
+            if share < 1.0 {
+                thin(series, share);
             }
         }
         loop {
@@ -214,16 +245,19 @@ impl Pictures {
     ) -> Result<Option<Self>, PageError> {
         let path = output.folder.join("a temporary file");
         let file = tempfile::tempfile_in(output.folder).map_err(PageError::write(&path))?;
-        let mut pictures = Self { size, places: Vec::new(), file, there: Vec::new(), damaged: 0 };
+        let mut pictures =
+            Self { size, places: Vec::new(), file, there: Vec::new(), colour_ranges: Vec::new(), damaged: 0 };
         let threads = thread::available_parallelism().map_or(1, NonZero::get);
         let mut end = 0;
         for of in series {
             let mut places = Vec::with_capacity(of.positions.len());
             let mut there = vec![false; of.layers.len()];
+            let mut ranges: Vec<Vec<CodeRange>> = vec![Vec::new(); of.layers.len()];
             // In order, and no more in memory than there are threads.
             for positions in of.positions.chunks(2 * threads) {
                 for made in all_at_once(positions, threads, &|position| frame(recording, of, position, size, output))? {
-                    let Made { position, text, damaged } = made;
+                    let Made { position, text, ranges: of_frame, damaged, .. } = made;
+                    ranges.iter_mut().zip(of_frame).for_each(|(ranges, range)| ranges.extend(range));
                     pictures.damaged += damaged;
                     there
                         .iter_mut()
@@ -240,6 +274,12 @@ impl Pictures {
             }
             pictures.places.push(places);
             pictures.there.push(there);
+            let maps = of.layers.iter().zip(&ranges).filter_map(|(layer, frames)| {
+                let scale = Scale::for_type(&layer.value_type, size.steps)?;
+                let is_truth = layer.role == Role::Truth;
+                Some(RangedMap { value_type: &layer.value_type, is_truth, scale, frames })
+            });
+            pictures.colour_ranges.push(colour_ranges(&maps.collect::<Vec<_>>()));
         }
         Ok(Some(pictures))
     }
@@ -261,6 +301,12 @@ impl Pictures {
     #[must_use]
     pub fn there(&self) -> &[Vec<bool>] {
         &self.there
+    }
+
+    /// By series, the numbers at the ends of the colour scale of each value type.
+    #[must_use]
+    pub fn colour_ranges(&self) -> &[Vec<(&'static str, [f64; 2])>] {
+        &self.colour_ranges
     }
 
     /// How many maps could not be read, because their bytes are damaged.
@@ -288,18 +334,57 @@ impl Pictures {
     }
 }
 
-/// How many bytes the pictures are likely to take in a size.
-fn probe(recording: &Recording, series: &[Series], size: Size, output: Output<'_>) -> Result<f64, PageError> {
-    let mut needed = 0.0;
-    for of in series {
-        let count = of.positions.len();
-        let some = PROBES.min(count);
-        let probes: Vec<FrameIndex> = (0..some).map(|i| of.positions[(2 * i + 1) * count / (2 * some)]).collect();
-        let made = all_at_once(&probes, some, &|position| frame(recording, of, position, size, output))?;
-        let bytes: usize = made.iter().map(|made| made.text.len()).sum();
-        needed += bytes as f64 / some as f64 * count as f64;
+/// The pictures of a topic in the probed size.
+struct Probe {
+    class: Class,
+    is_map: bool,
+    /// The width of the recorded images or maps.
+    width: u32,
+    /// The bytes of all frames, if they are like those that were tried.
+    bytes: f64,
+}
+
+impl Probe {
+    /// How many bytes the pictures are likely to take in a size.
+    fn bytes_in(&self, size: &Size) -> f64 {
+        let width = |size: &Size| f64::from(size.widest(self.class).min(self.width).max(1));
+        let ratio = width(size) / width(&PROBED);
+        let growth = if ratio > 1.0 { GROWTH.0 } else { GROWTH.1 };
+        let steps = if self.is_map && size.steps == FINE { FINE_BYTES } else { 1.0 };
+        self.bytes * libm::pow(ratio, growth) * steps
     }
-    Ok(needed)
+}
+
+/// Tries some frames of each stage run.
+fn probe(recording: &Recording, series: &[Series], output: Output<'_>) -> Result<Vec<Probe>, PageError> {
+    let mut probes = Vec::new();
+    for of in series {
+        let (count, detailed) = (of.positions.len(), of.detailed.len());
+        let some = PROBES.min(count);
+        let tried: Vec<FrameIndex> = (0..some).map(|i| of.positions[(2 * i + 1) * count / (2 * some)]).collect();
+        let of = &Series { detailed: tried.iter().copied().collect(), ..of.clone() };
+        let made = all_at_once(&tried, some, &|position| frame(recording, of, position, PROBED, output))?;
+        for (place, layer) in of.layers.iter().enumerate() {
+            let bytes: usize =
+                made.iter().filter_map(|made| made.text.split(|byte| *byte == b'\n').nth(place)).map(<[u8]>::len).sum();
+            let width = made.iter().map(|made| made.widths[place]).max().unwrap_or(0);
+            let class = class_of(of, place);
+            let frames = if class == Class::Other { detailed } else { count };
+            let bytes = bytes as f64 / some as f64 * frames as f64;
+            probes.push(Probe { class, is_map: layer.role != Role::Image, width, bytes });
+        }
+    }
+    Ok(probes)
+}
+
+/// What the width of a layer depends on: the first image is shown larger than others.
+fn class_of(series: &Series, place: usize) -> Class {
+    let first_image = series.layers.iter().position(|layer| layer.role == Role::Image);
+    match series.layers[place].role {
+        Role::Image if first_image == Some(place) => Class::Image,
+        Role::Image | Role::Other => Class::Other,
+        Role::Truth | Role::Estimate => Class::Main,
+    }
 }
 
 /// Leaves a share of the frames of each series, at least one.
@@ -314,6 +399,10 @@ fn thin(series: &mut [Series], share: f64) {
 struct Made {
     position: FrameIndex,
     text: Vec<u8>,
+    /// By layer, the range of its samples.
+    ranges: Vec<Option<CodeRange>>,
+    /// By layer, the width of what was recorded.
+    widths: Vec<u32>,
     damaged: u64,
 }
 
@@ -345,15 +434,23 @@ fn frame(
     }
     let layers = &series.layers;
     let mut lines: Vec<Vec<u8>> = vec![Vec::new(); layers.len()];
+    let mut ranges = vec![None; layers.len()];
+    let mut widths = vec![0; layers.len()];
     let mut grids = Grids::default();
     let mut damaged = 0;
     // A truth decides which pixels are picked.
-    let (truths, others): (Vec<usize>, Vec<usize>) =
-        (0..layers.len()).partition(|&place| layers[place].role == Role::Truth);
-    let first_image = layers.iter().position(|layer| layer.role == Role::Image);
+    let (truths, others): (Vec<usize>, Vec<usize>) = (0..layers.len())
+        .filter(|&place| series.shows(place, position))
+        .partition(|&place| layers[place].role == Role::Truth);
     let mut truth_values: BTreeMap<usize, Value> = BTreeMap::new();
     for places in truths.chunks(TOPICS_AT_ONCE).chain(others.chunks(TOPICS_AT_ONCE)) {
-        let topics: Vec<&str> = places.iter().map(|&place| layers[place].topic.as_str()).collect();
+        // Layers that show a map in several ways have one topic.
+        let mut topics: Vec<&str> = Vec::with_capacity(places.len());
+        for &place in places {
+            if !topics.contains(&layers[place].topic.as_str()) {
+                topics.push(&layers[place].topic);
+            }
+        }
         let values = match recording.reader(series.run, &topics).and_then(|mut reader| reader.read(position)) {
             Ok(values) => values,
             Err(error) if error.is_damage() => {
@@ -362,16 +459,24 @@ fn frame(
             }
             Err(error) => return Err(error.into()),
         };
-        for (&place, value) in places.iter().zip(values) {
-            let Some(value) = value else { continue };
+        for &place in places {
             let layer = &layers[place];
+            let topic = topics.iter().position(|topic| *topic == layer.topic);
+            let Some(value) = topic.and_then(|topic| values[topic].clone()) else { continue };
             let value = match (&layer.aligned, layer.truth.and_then(|truth| truth_values.get(&truth))) {
                 (Some(settings), Some(truth)) => as_scored(&value, truth, settings).unwrap_or(value),
                 _ => value,
             };
-            lines[place] = match &value {
-                Value::Image(image) => jpeg(image, if first_image == Some(place) { size.image } else { size.other })?,
-                value => map(value, layer, size, &mut grids),
+            let widest = size.widest(class_of(series, place));
+            (lines[place], widths[place]) = match &value {
+                Value::Image(image) => (jpeg(image, widest)?, image.dimensions().0),
+                value => match picture(value, layer, widest, size.steps, &mut grids) {
+                    Some((line, width, range)) => {
+                        ranges[place] = range;
+                        (line, width)
+                    }
+                    None => continue,
+                },
             };
             if layer.role == Role::Truth {
                 truth_values.insert(place, value);
@@ -379,7 +484,7 @@ fn frame(
         }
     }
     let text = lines.join(&b'\n');
-    Ok(Made { position, text, damaged })
+    Ok(Made { position, text, ranges, widths, damaged })
 }
 
 /// An image as `j` and its JPEG.
@@ -401,21 +506,26 @@ fn jpeg(image: &Image, widest: u32) -> Result<Vec<u8>, PageError> {
     Ok([b"j".as_slice(), BASE64_STANDARD.encode(&bytes).as_bytes()].concat())
 }
 
-/// A map as its width, its height, those of the recorded one, and its PNG, with spaces between.
-fn map(value: &Value, layer: &Layer, size: Size, grids: &mut Grids) -> Vec<u8> {
-    let (Some(samples), Some(scale)) = (Samples::new(value), Scale::for_type(&layer.value_type, size.steps)) else {
-        return Vec::new();
-    };
-    let widest = if layer.role == Role::Other { size.other } else { size.main };
+/// A map as its width, its height, those of the recorded one, and its PNG, with spaces between; the recorded width; and
+/// the range of the samples. `None` if it cannot be shown.
+fn picture(
+    value: &Value,
+    layer: &Layer,
+    widest: u32,
+    steps: Steps,
+    grids: &mut Grids,
+) -> Option<(Vec<u8>, u32, Option<CodeRange>)> {
+    let (samples, scale) = (Samples::new(value)?, Scale::for_type(&layer.value_type, steps)?);
     let from = (samples.width, samples.height);
     let (width, height) = smaller(from, widest);
     if layer.role == Role::Truth && grids.truth.is_none() {
-        grids.truth =
-            Some((from, (0..from.0 as usize * from.1 as usize).map(|place| samples.at(place).is_some()).collect()));
+        grids.truth = Some(value.clone());
     }
     let places = grids.places(from, (width, height));
-    let png = BASE64_STANDARD.encode(png(&samples, places, width as usize, scale));
-    format!("{width} {height} {} {} {png}", from.0, from.1).into_bytes()
+    let encoded = encode(samples, places, width as usize, scale);
+    let mut line = format!("{width} {height} {} {} ", from.0, from.1);
+    BASE64_STANDARD.encode_string(encoded.png, &mut line);
+    Some((line.into_bytes(), from.0, encoded.range))
 }
 
 /// A size no wider than that, of the same shape.
@@ -430,8 +540,8 @@ fn smaller((width, height): (u32, u32), widest: u32) -> (u32, u32) {
 /// Which pixels of a frame are picked.
 #[derive(Default)]
 struct Grids {
-    /// The size of the frame's first truth, and where it has one.
-    truth: Option<((u32, u32), Vec<bool>)>,
+    /// The frame's first truth.
+    truth: Option<Value>,
     /// By size and smaller size: the places of the pixels.
     grids: BTreeMap<[u32; 4], Vec<usize>>,
 }
@@ -439,14 +549,17 @@ struct Grids {
 impl Grids {
     /// The places of the pixels that a smaller map has of one.
     fn places(&mut self, from: (u32, u32), to: (u32, u32)) -> &[usize] {
-        let truth = self.truth.as_ref().filter(|(size, _)| *size == from).map(|(_, there)| there.as_slice());
+        let truth = self.truth.as_ref().and_then(Samples::new).filter(|truth| (truth.width, truth.height) == from);
         self.grids.entry([from.0, from.1, to.0, to.1]).or_insert_with(|| {
             let columns: Vec<Range<usize>> = (0..to.0).map(|x| cell(x, from.0, to.0)).collect();
-            let rows = (0..to.1).map(|y| cell(y, from.1, to.1));
-            rows.flat_map(|row| {
-                columns.iter().map(move |column| picked(column.clone(), row.clone(), from.0 as usize, truth))
-            })
-            .collect()
+            let mut places = Vec::with_capacity(to.0 as usize * to.1 as usize);
+            for y in 0..to.1 {
+                let row = cell(y, from.1, to.1);
+                for column in &columns {
+                    places.push(picked(column.clone(), row.clone(), from.0 as usize, truth));
+                }
+            }
+            places
         })
     }
 }
@@ -458,17 +571,21 @@ fn cell(place: u32, from: u32, to: u32) -> Range<usize> {
 }
 
 /// The pixel of a cell nearest its centre, of those with a truth if any has one.
-fn picked(columns: Range<usize>, rows: Range<usize>, width: usize, truth: Option<&[bool]>) -> usize {
+fn picked(columns: Range<usize>, rows: Range<usize>, width: usize, truth: Option<Samples<'_>>) -> usize {
     let (x, y) = ((columns.start + columns.end - 1) / 2, (rows.start + rows.end - 1) / 2);
     let centre = y * width + x;
-    match truth {
-        Some(truth) if !truth[centre] => {
-            let far = |place: &usize| (place % width).abs_diff(x).pow(2) + (place / width).abs_diff(y).pow(2);
-            let with = rows.flat_map(|row| columns.clone().map(move |column| row * width + column));
-            with.filter(|&place| truth[place]).min_by_key(far).unwrap_or(centre)
+    let Some(truth) = truth.filter(|truth| truth.at(centre).is_none()) else { return centre };
+    let (mut nearest, mut least) = (centre, usize::MAX);
+    for row in rows {
+        for column in columns.clone() {
+            let place = row * width + column;
+            let far = column.abs_diff(x).pow(2) + row.abs_diff(y).pow(2);
+            if far < least && truth.at(place).is_some() {
+                (nearest, least) = (place, far);
+            }
         }
-        _ => centre,
     }
+    nearest
 }
 
 /// A selection of at most `most` positions: the wanted ones first, then others at even distances, including the first
@@ -500,12 +617,14 @@ pub fn evenly(positions: &[FrameIndex], wanted: &BTreeSet<FrameIndex>, most: usi
 mod tests {
     use super::*;
     use depthloom_graphs::plan::FrameIndex;
+    use depthloom_graphs::values::{Depth, Raster};
 
     #[test]
     fn a_smaller_map_is_made_of_pixels_with_a_truth_where_there_are_any() {
-        let mut there = vec![false; 9 * 6];
-        there[2 * 9 + 8] = true;
-        let mut grids = Grids { truth: Some(((9, 6), there)), ..Grids::default() };
+        let mut metres = vec![f32::NAN; 9 * 6];
+        metres[2 * 9 + 8] = 5.0;
+        let truth = Depth { metres: Raster::from_raw(9, 6, metres).unwrap() };
+        let mut grids = Grids { truth: Some(truth.into()), ..Grids::default() };
         assert_eq!(grids.places((9, 6), (3, 2)), [10, 13, 26, 37, 40, 43]);
         assert_eq!(grids.places((6, 4), (3, 2)), [0, 2, 4, 12, 14, 16], "of another size, the middle ones");
         assert_eq!(grids.places((2, 1), (2, 1)), [0, 1]);
