@@ -195,3 +195,27 @@ variants: { full: {}, raw: { compare.fused.inputs.depth: other/depth } }",
     assert_eq!(nodes(&plan, 0, "other")[0].variants, [VariantId(1)]);
     assert_eq!(nodes(&plan, 0, "depth")[0].variants, [0, 1].map(VariantId));
 }
+
+#[test]
+fn the_lean_preset_records_inputs_disparities_and_metrics() {
+    let recorded = |record: &str| -> Vec<String> {
+        let run = &plan_of(&stereo(record)).runs[0];
+        let outputs = run.source.outputs.iter().chain(run.nodes.iter().flat_map(|node| &node.outputs));
+        outputs.filter(|output| output.recorded).map(|output| output.topic.replace("/compare/", "")).collect()
+    };
+    let without_scores = |mut topics: Vec<String>| {
+        topics.retain(|topic| !topic.starts_with("score."));
+        topics
+    };
+    let lean = recorded("record: { preset: lean }");
+    assert!(lean.iter().any(|topic| topic.starts_with("score.")), "{lean:?}");
+    let lean = without_scores(lean);
+    assert!(lean.contains(&"source/left".to_owned()) && lean.contains(&"stereo/disparity".to_owned()), "{lean:?}");
+    assert!(!lean.iter().any(|topic| topic.starts_with("depth/") || topic.starts_with("fused/")), "{lean:?}");
+    let more = without_scores(recorded("record: { preset: lean, topics: [fused, '!source/left'] }"));
+    assert!(more.contains(&"fused/depth".to_owned()) && !more.contains(&"source/left".to_owned()), "{more:?}");
+    assert_eq!(without_scores(recorded("record: { topics: [fused] }")), ["fused/depth"]);
+    let broken = Written::new(&[("main.yaml", &stereo("record: { preset: small }"))]);
+    let error = try_load(&broken.path("main.yaml"), &[]).expect_err("refused").to_string();
+    assert!(error.contains("`preset` must be `lean`"), "{error}");
+}

@@ -16,7 +16,7 @@ pub(crate) fn nodes(linked: &Linked<'_>, recording: &Recorded) -> HashSet<StageN
             let is_recorded = node.types.signature.as_ref().is_none_or(|signature| {
                 // A node without outputs (a sink) is used for its effects.
                 let outputs = &signature.outputs;
-                outputs.is_empty() || outputs.iter().any(|o| recording.keeps(&stage.name.text, &node.name.text, o.name))
+                outputs.is_empty() || outputs.iter().any(|o| recording.keeps(&stage.name.text, &node.name.text, o))
             });
             if node.is_score || is_recorded {
                 open.push(StageNode { stage: stage_id, node: node_id });

@@ -1,6 +1,6 @@
 //! `record:`: what is kept of a run; by default everything.
 //!
-//! A list of patterns, or `{ topics: [...], every: N, view: false, points: [...] }`. A pattern is
+//! A list of patterns, or `{ preset: lean, topics: [...], every: N, view: false, points: [...] }`. A pattern is
 //! `[stage.]node[/port]` or `/stage[/node[/port]]`, where `*` stands for any characters and a missing part for all.
 //! `!` in front excludes outputs of earlier patterns. Scores are always kept.
 
@@ -15,13 +15,39 @@ use crate::language::text::names;
 use crate::language::text::source_file::Place;
 use crate::language::text::tree::{Entry, Node, Tree};
 use crate::plan::{OutputPattern, Record};
-use crate::{Port, ValueType};
+use crate::{Port, Rate, ValueType};
 
 pub(crate) struct Recorded {
     pub(crate) record: Record,
-    /// `None`: everything.
+    preset: Preset,
+    /// Changes to the preset, in order. `None`: none.
     patterns: Option<Vec<Pattern>>,
     points: Vec<Pattern>,
+}
+
+/// What is recorded if no pattern matches.
+#[derive(Clone, Copy, PartialEq, Eq)]
+enum Preset {
+    Everything,
+    /// Inputs, disparities, metrics and aggregate values: what other values can be recomputed from, and what is costly
+    /// to recompute.
+    Lean,
+    Nothing,
+}
+
+impl Preset {
+    fn keeps(self, node: &str, port: &Port) -> bool {
+        use ValueType::{Disparity, Scores, TrueDisparity};
+        match self {
+            Self::Everything => true,
+            Self::Lean => {
+                node == "source"
+                    || port.rate == Rate::Once
+                    || matches!(port.value_type, Disparity | TrueDisparity | Scores)
+            }
+            Self::Nothing => false,
+        }
+    }
 }
 
 struct Pattern {
@@ -34,11 +60,10 @@ struct Pattern {
 
 impl Recorded {
     /// The source of a stage is its node `source`.
-    pub(crate) fn keeps(&self, stage: &str, node: &str, port: &str) -> bool {
-        let Some(patterns) = &self.patterns else { return true };
-        let mut is_recorded = false;
-        for pattern in patterns {
-            if pattern.output.names(stage, node, port) {
+    pub(crate) fn keeps(&self, stage: &str, node: &str, port: &Port) -> bool {
+        let mut is_recorded = self.preset.keeps(node, port);
+        for pattern in self.patterns.iter().flatten() {
+            if pattern.output.names(stage, node, port.name) {
                 pattern.matched.set(true);
                 is_recorded = !pattern.leaves_out;
             }
@@ -68,7 +93,7 @@ impl Recorded {
             });
             for (node, ports) in source.into_iter().chain(nodes) {
                 for port in ports {
-                    self.keeps(&stage.name.text, node, port.name);
+                    self.keeps(&stage.name.text, node, port);
                     topics.push(format!("{}.{node}/{}", stage.name.text, port.name));
                     outputs.push(port.name);
                 }
@@ -107,9 +132,8 @@ impl Recorded {
         for stage in variants.iter().flat_map(|linked| &linked.stages) {
             let name = stage.name.text.as_str();
             let source = stage.source.as_ref().map_or(&[][..], |source| source.outputs.as_slice());
-            let has_calibration = source
-                .iter()
-                .any(|port| port.value_type == ValueType::Calibration && self.keeps(name, "source", port.name));
+            let has_calibration =
+                source.iter().any(|port| port.value_type == ValueType::Calibration && self.keeps(name, "source", port));
             let nodes = stage.nodes.iter().map(|node| {
                 // Unknown for an unknown kind.
                 let outputs = node.types.signature.as_ref().map(|signature| signature.outputs.as_slice());
@@ -120,7 +144,7 @@ impl Recorded {
                     let is_meant = |port: &Port| {
                         pattern.output.names(name, node, port.name)
                             && port.value_type == ValueType::Depth
-                            && self.keeps(name, node, port.name)
+                            && self.keeps(name, node, port)
                     };
                     let is_unknown = ports.is_none() && glob(&pattern.output.node, node);
                     if is_unknown || (has_calibration && ports.is_some_and(|ports| ports.iter().any(is_meant))) {
@@ -138,15 +162,21 @@ impl Recorded {
 }
 
 pub(crate) fn read(root: &Node, report: &mut Report) -> Recorded {
-    let mut recording =
-        Recorded { record: Record { every: 1, view: true, points: Vec::new() }, patterns: None, points: Vec::new() };
+    let record = Record { every: 1, view: true, points: Vec::new() };
+    let mut recording = Recorded { record, preset: Preset::Everything, patterns: None, points: Vec::new() };
     let Some(entry) = root.entry("record").filter(|entry| !entry.value.is_null()) else { return recording };
     match &entry.value.value {
-        Tree::List(items) => recording.patterns = Some(items.iter().filter_map(|item| pattern(item, report)).collect()),
+        Tree::List(items) => {
+            recording.preset = Preset::Nothing;
+            recording.patterns = Some(items.iter().filter_map(|item| pattern(item, report)).collect());
+        }
         Tree::Map(entries) => {
-            known_keys(&entry.value, "`record`", &["topics", "every", "view", "points"], report);
+            known_keys(&entry.value, "`record`", &["preset", "topics", "every", "view", "points"], report);
             for entry in entries {
                 setting(entry, &mut recording, report);
+            }
+            if recording.preset == Preset::Everything && recording.patterns.is_some() {
+                recording.preset = Preset::Nothing;
             }
         }
         _ => {
@@ -172,6 +202,12 @@ fn setting(entry: &Entry, recording: &mut Recorded, report: &mut Report) {
         ("points", _) => {
             recording.points = patterns();
             recording.record.points = recording.points.iter().map(|pattern| pattern.output.clone()).collect();
+        }
+        ("preset", Tree::Text(text)) if text == "lean" => recording.preset = Preset::Lean,
+        ("preset", _) => {
+            let help =
+                "`preset: lean` records inputs, disparities, metrics and trained networks; `topics` adds to them";
+            report.push(entry.not_a("`lean`").help(help));
         }
         ("every", Tree::Number(number)) => match number.as_u64() {
             Some(every) if every >= 1 => recording.record.every = every,

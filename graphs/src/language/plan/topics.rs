@@ -83,7 +83,7 @@ impl<'a> Topics<'a> {
         }
         let mut topics = topics.into_iter();
         let topic = topics.next().unwrap_or_default();
-        let recorded = always_recorded || uses.iter().any(|(node, _)| self.recorded.keeps(stage, node, port.name));
+        let recorded = always_recorded || uses.iter().any(|(node, _)| self.recorded.keeps(stage, node, port));
         PlannedOutput { port: port.clone(), topic, aliases: topics.collect(), recorded }
     }
 }
