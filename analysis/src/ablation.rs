@@ -44,6 +44,7 @@ pub(crate) use score_table::{ScoreTable, paper_number};
 pub(crate) use shared::shared_scores;
 pub(crate) use zones::table as zones_table;
 
+use crate::compare::few_frames;
 use crate::error::{AnalysisError, listed, unknown};
 use crate::estimates::{Estimate, check_patterns, estimate_names, matches_estimate, pattern_matches};
 use crate::input::frame_choice::FrameChoice;
@@ -223,6 +224,16 @@ impl<'a> Ablation<'a> {
     /// Resamples groups of frames instead of frames.
     pub(crate) fn with_groups(self, groups: Option<FrameGroups>) -> Self {
         Self { groups, ..self }
+    }
+
+    /// A note if few groups of frames are resampled.
+    pub(crate) fn few_groups(&self) -> Option<String> {
+        let groups = self.groups.as_ref()?;
+        let distinct: BTreeSet<(RunId, usize)> =
+            groups.by_frame.iter().map(|((run, _), group)| (*run, *group)).collect();
+        let of_run = |run: &RunId| distinct.iter().filter(|(known, _)| known == run).count();
+        let runs: BTreeSet<RunId> = distinct.iter().map(|(run, _)| *run).collect();
+        few_frames(runs.iter().map(of_run).min()?, "group")
     }
 
     /// Describes the intervals.

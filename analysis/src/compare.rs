@@ -49,7 +49,7 @@ fn significance(resampling: &Resampling) -> f64 {
 }
 
 /// The note for comparisons over few frames.
-fn few_frames(units: usize, unit: &str) -> Option<String> {
+pub(crate) fn few_frames(units: usize, unit: &str) -> Option<String> {
     let frames = (units < FEW).then(|| counted(units, unit))?;
     Some(format!("only {frames}: with so few, intervals are too narrow and tests have little power"))
 }
@@ -231,8 +231,8 @@ fn selection_notes(
             let candidates: Vec<&Row> = rows.iter().filter(is_candidate).collect();
             let (Some(_), Some(value)) = (class, own.value(metric)) else { continue };
             let good = |value: f64| ablation.metrics[metric].goodness(value);
-            let is_better = |other: f64| good(other) > good(value);
-            let is_best = !candidates.iter().filter_map(|row| row.value(metric)).any(is_better);
+            let others = candidates.iter().filter(|row| row.estimate != own.estimate);
+            let is_best = others.filter_map(|row| row.value(metric)).all(|other| good(other) < good(value));
             if is_best && candidates.len() >= SEVERAL && candidates.iter().any(|row| !is_compared(row)) {
                 let note = format!(
                     "{} has the best {} of {} variants on the same frames: if it was chosen because of that, its advantage is overestimated; confirm it on other frames",

@@ -56,8 +56,8 @@ pub struct Inquiry {
     pub unit: Unit,
     /// The limit beyond which an error is an outlier.
     pub outlier: Outlier,
-    /// The frames; `None`: all.
-    pub frames: Option<SelectedFrames>,
+    /// The frames of each samples file; `None`: all.
+    pub frames: Option<Vec<FramesOfRun>>,
 }
 
 impl Default for Inquiry {
@@ -79,18 +79,19 @@ impl Default for Inquiry {
     }
 }
 
-/// The selected frames of each samples file: stage and frame id.
-pub type SelectedFrames = Vec<BTreeSet<(String, String)>>;
+/// The selected frames of a samples file: stage, position and id, because joined sources may repeat an id.
+pub type FramesOfRun = BTreeSet<(String, u32, String)>;
 
 /// The selected frames of a recording, as a query of its samples expects them.
 ///
 /// # Errors
 /// If no frame is selected, or a selected frame does not exist.
-pub fn frames_of(recording: &Recording, choice: &FrameChoice) -> Result<BTreeSet<(String, String)>, AnalysisError> {
+pub fn frames_of(recording: &Recording, choice: &FrameChoice) -> Result<FramesOfRun, AnalysisError> {
     let selection = Selection { frames: Some(choice.clone()), ..Selection::default() };
     let frames = selected_frames(recording, &selection)?.unwrap_or_default();
     let named = |(run, position): (RunId, FrameIndex)| {
-        (recording.plan().runs[run].stage.clone(), recording.frames(run)[position.0].id.to_string())
+        let id = recording.frames(run)[position.0].id.to_string();
+        (recording.plan().runs[run].stage.clone(), position.0 as u32, id)
     };
     Ok(frames.into_iter().map(named).collect())
 }
@@ -257,11 +258,12 @@ fn jobs_of<'a>(
     run: &'a str,
     file: &'a SamplesFile,
     inquiry: &Inquiry,
-    frames: Option<&BTreeSet<(String, String)>>,
+    frames: Option<&FramesOfRun>,
 ) -> Result<Vec<Job<'a>>, AnalysisError> {
     let mut populations: Vec<(&str, &str, Vec<&Part>)> = Vec::new();
-    let is_selected =
-        |part: &&Part| frames.is_none_or(|frames| frames.contains(&(part.stage.to_string(), part.frame.to_string())));
+    let is_selected = |part: &&Part| {
+        frames.is_none_or(|frames| frames.contains(&(part.stage.to_string(), part.position, part.frame.to_string())))
+    };
     for part in file.parts.iter().filter(is_selected) {
         match populations.iter_mut().find(|(stage, scoring, _)| *stage == &*part.stage && *scoring == &*part.scoring) {
             Some((.., parts)) => parts.push(part),

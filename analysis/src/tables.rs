@@ -64,6 +64,8 @@ pub struct Table {
     pub(crate) about: String,
     /// The LaTeX label, after `tab:`.
     pub(crate) label: String,
+    /// The LaTeX label after `tab:` as the user wrote it.
+    pub(crate) own_label: Option<String>,
     /// The LaTeX caption; `None`: `description` and notes.
     pub(crate) caption: Option<String>,
     pub(crate) columns: Vec<Column>,
@@ -123,9 +125,7 @@ impl Table {
     /// Replaces caption, label and decimals if given.
     pub fn typeset(&mut self, typesetting: &Typesetting) {
         self.caption.clone_from(&typesetting.caption);
-        if let Some(label) = &typesetting.label {
-            self.label.clone_from(label);
-        }
+        self.own_label.clone_from(&typesetting.label);
         for column in &mut self.columns {
             if let (Some(requested), Some(decimals)) = (typesetting.decimals, column.cells.decimals()) {
                 *decimals = requested;

@@ -16,6 +16,8 @@ const INTERACTION: &str = " x ";
 pub(crate) struct Titles {
     labels: Vec<Labels>,
     variants: HashMap<String, String>,
+    /// Estimates by their label, such as `base/fused`.
+    estimates: HashMap<String, String>,
 }
 
 impl Titles {
@@ -30,6 +32,11 @@ impl Titles {
                 }
             }
             titles.labels.push(plan.labels.clone());
+            for estimate in plan.runs.iter().flat_map(|run| &run.estimates) {
+                let variant = estimate.variant.and_then(|variant| plan.variants.get(variant.0));
+                let title = titles.full(&estimate.label, variant.map(String::as_str), &estimate.name);
+                titles.estimates.entry(estimate.label.clone()).or_insert(title);
+            }
         }
         titles
     }
@@ -47,9 +54,23 @@ impl Titles {
         self.first(name, |labels| labels.estimate(name))
     }
 
-    /// A cell with the names of estimates that share a row, such as `depth+disparity`.
-    fn estimates(&self, names: &str) -> String {
-        names.split('+').map(|name| self.estimate(name)).collect::<Vec<_>>().join(" + ")
+    /// A variant, or an estimate by its label: a side of a comparison.
+    pub(crate) fn side<'a>(&'a self, title: &'a str) -> &'a str {
+        let known = self.variants.get(title).or_else(|| self.estimates.get(title));
+        known.map_or_else(|| self.estimate(title), String::as_str)
+    }
+
+    /// A cell with an estimate by name or label, or with the names of estimates that share a row, such as
+    /// `depth+disparity`.
+    fn estimates(&self, text: &str) -> String {
+        let is_labelled = |name: &str| self.estimate(name) != name;
+        if let Some(title) = self.estimates.get(text).filter(|_| !is_labelled(text)) {
+            return title.clone();
+        }
+        if !text.split('+').any(is_labelled) {
+            return text.to_owned();
+        }
+        text.split('+').map(|name| self.estimate(name)).collect::<Vec<_>>().join(" + ")
     }
 
     pub(crate) fn variant<'a>(&'a self, name: &'a str) -> &'a str {

@@ -66,18 +66,15 @@ impl Labels {
         self.listed_value(axis, value).unwrap_or(value)
     }
 
-    /// The label of a variant, given its values on the axes: the one listed, or the labels of its parts if any part
-    /// has one, such as `Full, Block size 9` for `full+block=9`.
+    /// The label of a variant, given its values on the axes: the one listed, or, if any variant or axis is listed, the
+    /// labels of its parts, such as `Full, Block size 9` for `full+block=9`.
     #[must_use]
     pub fn variant<'a>(&'a self, name: &'a str, factors: &[Factor]) -> Cow<'a, str> {
         if let Some(label) = listed(&self.variants, name) {
             return Cow::Borrowed(label);
         }
-        let is_listed = |factor: &Factor| {
-            self.listed_value(&factor.axis, &factor.value).is_some()
-                || self.axes.iter().any(|axis| axis.name == factor.axis)
-        };
-        if !factors.iter().any(is_listed) {
+        // All variants have one style.
+        if factors.is_empty() || self.variants.is_empty() && self.axes.is_empty() {
             return Cow::Borrowed(name);
         }
         let part = |factor: &Factor| {
@@ -163,7 +160,8 @@ mod tests {
         assert_eq!((labels.axis("block"), labels.axis("size")), ("Block size", "size"));
         assert_eq!((labels.value("mode", "hh"), labels.value("mode", "sgbm")), ("8 paths", "sgbm"));
         assert_eq!(labels.variant("bare", &[]), "bare");
-        assert_eq!(labels.variant("size=3", &[factor("size", "3")]), "size=3");
+        assert_eq!(labels.variant("size=3", &[factor("size", "3")]), "size 3");
+        assert_eq!(Labels::default().variant("size=3", &[factor("size", "3")]), "size=3");
     }
 
     #[test]

@@ -108,7 +108,7 @@ pub(crate) struct TypesettingArgs {
     /// Set the LaTeX label after `tab:` (default: from the experiment).
     ///
     /// The default is the experiment's name and the kind of table.
-    #[arg(long, value_name = "NAME")]
+    #[arg(long, value_name = "NAME", value_parser = parse_label)]
     pub label: Option<String>,
 
     /// Print metrics with N decimals (default: depends on the metric).
@@ -116,6 +116,17 @@ pub(crate) struct TypesettingArgs {
     /// It applies to text, Markdown and LaTeX; CSV, Parquet and JSON have all digits.
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u8).range(0..=15))]
     pub digits: Option<u8>,
+}
+
+/// A LaTeX label, without `tab:`.
+fn parse_label(text: &str) -> Result<String, String> {
+    let label = text.strip_prefix("tab:").unwrap_or(text);
+    let is_wrong = |letter: &char| letter.is_whitespace() || letter.is_control() || "\\{}%#~^&$,".contains(*letter);
+    match label.chars().find(is_wrong) {
+        _ if label.is_empty() => Err("a LaTeX label cannot be empty".to_owned()),
+        Some(letter) => Err(format!("a LaTeX label cannot contain `{}`", letter.escape_debug())),
+        None => Ok(label.to_owned()),
+    }
 }
 
 impl TypesettingArgs {

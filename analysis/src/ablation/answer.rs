@@ -60,6 +60,7 @@ pub fn answer(
             }
         };
         Titles::new([recording.plan()]).apply(&mut table);
+        table.notes.extend(ablation.few_groups());
         let frames = selected_frames(recording, selection)?;
         table.notes.extend(incomplete_frames(recording, &estimates, &scores, frames.as_ref()));
         table.notes.extend(recording_notes(recording));

@@ -39,14 +39,19 @@ pub(super) fn candidate(ablation: &Ablation<'_>, row: &Row, metric: usize, class
 
 /// A note for rows that are not all comparable by one of these metrics.
 pub(crate) fn note(rows: &[&Row], metrics: &[usize]) -> Option<String> {
-    let classes = |&metric: &usize| {
+    let classes = |&metric: &usize| -> Vec<usize> {
         let parts = rows.iter().map(|row| row.part_with(metric)).filter(|row| row.values[metric].is_some());
-        parts.filter_map(|row| row.comparable).collect::<HashSet<usize>>().len()
+        parts.filter_map(|row| row.comparable).collect()
     };
-    let most = metrics.iter().map(classes).max().unwrap_or(0);
+    let all: Vec<Vec<usize>> = metrics.iter().map(classes).collect();
+    let distinct = |classes: &Vec<usize>| classes.iter().collect::<HashSet<_>>().len();
+    let most = all.iter().map(distinct).max().unwrap_or(0);
+    // A row alone in its group is not marked.
+    let has_marks = all.iter().any(|classes| distinct(classes) < classes.len());
     (most > 1).then(|| {
+        let marks = if has_marks { "the best of each group is marked" } else { "none is marked as best" };
         format!(
-            "the rows form {most} groups that cannot be compared, because frames, pixels or scoring differ: the best of each group is marked"
+            "the rows form {most} groups that cannot be compared, because frames, pixels or scoring differ: {marks}"
         )
     })
 }

@@ -212,8 +212,17 @@ impl<'a> Board<'a> {
             rows.key("estimate", |entry| self.ablation(entry).name(&entry.row)),
             rows.key("set", |entry| selection.set_name(&entry.row)),
         ];
-        for column in &mut columns {
-            column.only_in_files = (1..shown.len()).all(|row| column.cells.text(row) == column.cells.text(0));
+        // Also those on which only rows beyond `--top` differ: without them, a row could not be identified.
+        let all: Vec<&Entry> = self.entries.iter().collect();
+        let differs = |of: &dyn Fn(&Entry) -> Option<String>| all.iter().any(|entry| of(entry) != of(all[0]));
+        let is_shown = [
+            differs(&|entry| Some(estimate(entry).row_key.stage.clone())),
+            differs(&|entry| estimate(entry).row_key.variant.clone()),
+            differs(&|entry| Some(self.ablation(entry).name(&entry.row))),
+            differs(&|entry| Some(selection.set_name(&entry.row))),
+        ];
+        for (column, is_shown) in columns.iter_mut().zip(is_shown) {
+            column.only_in_files = !is_shown;
         }
         columns.insert(0, rows.key("run", |entry| self.runs[entry.run].called));
         let settings = self.settings(shown).into_iter();

@@ -181,7 +181,8 @@ impl<'a> Compared<'a> {
     /// Describes the numbers.
     fn about(&self, method: &CompareMethod) -> String {
         let selection = &self.options.selection;
-        let titles: Vec<&str> = self.others().map(|party| party.title.as_str()).collect();
+        let labels = Titles::new(self.run_scores.iter().map(|scores| scores.run.recording.plan()));
+        let titles: Vec<&str> = self.others().map(|party| labels.side(&party.title)).collect();
         let titles = match (titles.len(), self.kind) {
             (..=NAMED, _) => titles.join(", "),
             (many, Kind::Runs) => format!("{many} runs"),
@@ -214,7 +215,7 @@ impl<'a> Compared<'a> {
         };
         format!(
             "{titles} compared with {}: {}, {}, {}; interval of the difference: {}; {test}",
-            self.parties[self.baseline].title,
+            labels.side(&self.parties[self.baseline].title),
             distinct(pixels).join(" and "),
             distinct(presets).join(" and "),
             averaged(frames, is_all),

@@ -17,6 +17,8 @@ struct Point<'a> {
     /// The level on each axis; `None` if the parameter does not affect the estimate.
     levels: Vec<Option<usize>>,
     label: String,
+    /// The label as readers see it.
+    title: String,
     rows: usize,
     mean: f64,
     /// Whether the mean is adjusted for the settings of the other parameters, because they differ between points.
@@ -103,10 +105,17 @@ fn points<'a>(scores: &'a Scores<'_>, axes: &[usize]) -> Vec<Point<'a>> {
         for (place, point_levels) in all.iter().enumerate() {
             let own: Vec<&&Row> = rows.iter().filter(|row| levels(row) == *point_levels).collect();
             let without = point_levels.iter().zip(axes).find(|(level, _)| level.is_none()).map(|(_, axis)| *axis);
-            let label = match (without, &own[..]) {
-                (None, _) => name.to_owned(),
-                (Some(_), [only]) => scores.estimate(only).title.clone(),
-                (Some(axis), _) => format!("{name} without {}", scores.ablation.axes[axis].name),
+            let shown = scores.titles.estimate(name);
+            let (label, title) = match (without, &own[..]) {
+                (None, _) => (name.to_owned(), shown.to_owned()),
+                (Some(_), [only]) => {
+                    let only = scores.estimate(only);
+                    (only.label.clone(), only.title.clone())
+                }
+                (Some(axis), _) => {
+                    let axis = &scores.ablation.axes[axis].name;
+                    (format!("{name} without {axis}"), format!("{shown} without {}", scores.titles.axis(axis)))
+                }
             };
             let adjusted = match &means {
                 LevelMeans::Adjusted(means) if without.is_none() => means[place],
@@ -117,6 +126,7 @@ fn points<'a>(scores: &'a Scores<'_>, axes: &[usize]) -> Vec<Point<'a>> {
                 name,
                 levels: point_levels.clone(),
                 label,
+                title,
                 rows: own.len(),
                 mean: adjusted.unwrap_or(plain),
                 is_adjusted: adjusted.is_some(),
@@ -152,8 +162,8 @@ fn line(scores: &Scores<'_>, axis: usize, points: &[Point<'_>]) -> Sheet {
         let stroke = Stroke::new(tint(&names, point.name), LINE_PT).dashed(&[4.0, 2.5]);
         panel.items.push(Item::horizontal(point.mean, stroke));
         let words = match point.rows {
-            1 => format!("{}, the same for all", point.label),
-            rows => format!("{} (mean of {rows})", point.label),
+            1 => format!("{}, the same for all", point.title),
+            rows => format!("{} (mean of {rows})", point.title),
         };
         legend.push(Entry::new(words, Swatch::Line(stroke)));
     }

@@ -29,8 +29,8 @@ impl Table {
             text.push_str(&format!("% longer than a page: use --top {} to shorten it\n", ROWS / blocks.len()));
         }
         let caption = self.caption.clone().unwrap_or_else(|| caption(self));
-        let label: String =
-            self.label.chars().map(|letter| if letter.is_ascii_alphanumeric() { letter } else { '-' }).collect();
+        let plain = |letter: char| if letter.is_ascii_alphanumeric() { letter } else { '-' };
+        let label = self.own_label.clone().unwrap_or_else(|| self.label.chars().map(plain).collect());
         text.push_str(&format!(
             "\\begin{{{float}}}[t]\n\\centering\n\\caption{{{caption}}}\n\\label{{tab:{label}}}\n\
              \\footnotesize\n\\setlength{{\\tabcolsep}}{{4pt}}\n"

@@ -44,5 +44,20 @@ fn cell(cell: &TextCell) -> String {
 }
 
 fn escaped(text: &str) -> String {
-    text.replace('|', "\\|")
+    let mut escaped = String::with_capacity(text.len());
+    let mut letters = text.chars().peekable();
+    while let Some(letter) = letters.next() {
+        match letter {
+            // The beginning of a tag or of a character reference.
+            '<' if letters.peek().is_some_and(|next| next.is_ascii_alphabetic() || "/!?".contains(*next)) => {
+                escaped.push_str("&lt;");
+            }
+            '&' if letters.peek().is_some_and(|next| next.is_ascii_alphanumeric() || *next == '#') => {
+                escaped.push_str("&amp;");
+            }
+            '|' | '*' | '`' => escaped.extend(['\\', letter]),
+            _ => escaped.push(letter),
+        }
+    }
+    escaped
 }

@@ -53,11 +53,11 @@ fn text(entry: &Entry, report: &mut Report) -> Option<String> {
     if entry.value.is_null() {
         return Some(entry.key.clone());
     }
-    let Some(text) = entry.value.scalar_text() else {
+    let Some(text) = entry.value.scalar_text().map(|text| text.trim().to_owned()) else {
         report.push(entry.not_a("text").help(format!("e.g. `{}: \"...\"`", entry.key)));
         return None;
     };
-    let wrong = if text.trim().is_empty() {
+    let wrong = if text.is_empty() {
         "is empty".to_owned()
     } else if text.chars().count() > LONGEST {
         format!("is longer than {LONGEST} characters")
@@ -93,10 +93,55 @@ fn read_axes(section: &Entry, report: &mut Report) -> Vec<AxisLabels> {
     entries.iter().filter_map(axis).collect()
 }
 
+/// What labels are for.
+#[derive(Clone, Copy)]
+pub(crate) struct Named<'a> {
+    pub(crate) labels: &'a Labels,
+    pub(crate) runs: &'a [StageRun],
+    pub(crate) chosen: &'a [Variant],
+    pub(crate) left_out: &'a [Variant],
+}
+
+impl Named<'_> {
+    /// Reports two names that would be shown alike, because one is the label of the other.
+    fn check_distinct(&self, section: &Node, report: &mut Report) {
+        let Self { labels, runs, chosen, left_out } = *self;
+        let variants = || chosen.iter().chain(left_out);
+        let mut alike = |key: &str, what: &str, names: &mut dyn Iterator<Item = (String, String)>| {
+            let mut shown: HashMap<String, String> = HashMap::new();
+            for (name, title) in names {
+                let first = shown.entry(title.clone()).or_insert_with(|| name.clone());
+                if *first != name {
+                    let place = section.entry(key).map_or(&section.place, |entry| &entry.key_place);
+                    let what = format!("{what} `{first}` and `{name}` would both be shown as `{title}`");
+                    report.push(Diagnostic::error(place, what).help("give one of them another label"));
+                    return;
+                }
+            }
+        };
+        let estimates = runs.iter().flat_map(|run| &run.estimates).map(|estimate| estimate.name.clone());
+        let mut estimates = estimates.map(|name| (name.clone(), labels.estimate(&name).to_owned()));
+        alike("estimates", "the estimates", &mut estimates);
+        let mut names = variants()
+            .map(|variant| (variant.name.clone(), labels.variant(&variant.name, &variant.factors).into_owned()));
+        alike("variants", "the variants", &mut names);
+        let factors = || variants().flat_map(|variant| &variant.factors);
+        let mut axes = factors().map(|factor| (factor.axis.clone(), labels.axis(&factor.axis).to_owned()));
+        alike("axes", "the axes", &mut axes);
+        for axis in &labels.axes {
+            let own = factors().filter(|factor| factor.axis == axis.name);
+            let mut values = own.map(|own| (own.value.clone(), labels.value(&own.axis, &own.value).to_owned()));
+            alike("axes", &format!("the values of `{}`,", axis.name), &mut values);
+        }
+    }
+}
+
 /// Warns of labels of names that the experiment does not have. With unselected variants, only names of variants and
 /// axes are known.
-pub(crate) fn check(root: &Node, runs: &[StageRun], chosen: &[Variant], left_out: &[Variant], report: &mut Report) {
+pub(crate) fn check(root: &Node, named: Named<'_>, report: &mut Report) {
     let Some(labels) = root.get("labels") else { return };
+    let Named { runs, chosen, left_out, .. } = named;
+    named.check_distinct(labels, report);
     let entries = |key: &str| labels.get(key).map_or(&[][..], |section| section.entries());
     let mut unknown = |entry: &Entry, what: &str, known: &[&str]| {
         if known.contains(&entry.key.as_str()) {

@@ -186,7 +186,8 @@ fn planned(
     let runs = assemble::stage_runs(&shared, &names, &linked, &recording);
     upstream::check(&runs, &shared.runs, &names, registry, report);
     equal_variants(&variants, &shared, report);
-    labels::check(&root, &runs, &variants, &left_out, report);
+    let named = labels::Named { labels: &labels, runs: &runs, chosen: &variants, left_out: &left_out };
+    labels::check(&root, named, report);
     overruled(&names, &shared, report);
     let stored = run_files::texts(files, &root, &overrides::typed(typed, only.as_ref()), &resolver.anywhere);
     let has_factors = variants.iter().any(|variant| !variant.factors.is_empty());

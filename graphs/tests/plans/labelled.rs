@@ -43,6 +43,7 @@ fn wrong_labels_are_errors_and_labels_of_nothing_are_warnings() {
         ("labels: [fused]", "`labels` must be a map"),
         ("labels: { estimate: { fused: a } }", "estimates"),
         ("labels: { estimates: { fused: a, stereo: a } }", "`fused` and `stereo` have the same label"),
+        ("labels: { estimates: { fused: stereo } }", "`stereo` and `fused` would both be shown as `stereo`"),
         ("labels: { estimates: { fused: '' } }", "the label of `fused` is empty"),
         ("labels: { estimates: { fused: [a] } }", "`fused` must be text"),
         ("labels: { axes: { size: { title: a } } }", "label"),

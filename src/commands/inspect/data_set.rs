@@ -372,7 +372,7 @@ fn unknown(args: &InspectArgs, root: &Path) -> Result<ExitCode, CliError> {
     let stop = match root.is_dir() {
         true => CliError::usage(
             format!("no known data set layout was found in {}", root.display()),
-            "for pairs of images use the source `images` (`depthloom nodes images`); `depthloom nodes` lists the other kinds with their layouts",
+            "for images use the source `images` (`depthloom nodes images`), for predictions of another program `depthloom evaluate`, or the kinds `depth/files` and `disparity/files`; `depthloom nodes` lists the other kinds with their layouts",
         ),
         false => CliError::usage(
             format!("{} is not a bag, a recording, an ONNX file or a folder", root.display()),
