@@ -89,7 +89,7 @@ pub(crate) fn carry_out(
     let plan = ready.plan.clone();
     // The first files are those of the experiment. They may change while it runs.
     let written = plan.written.iter().map(|(_, text)| text.as_str());
-    let git = GitState::of(read.iter().map(PathBuf::as_path).zip(written));
+    let git = GitState::of_files(read.iter().map(PathBuf::as_path).zip(written));
     if args.samples {
         depthloom_analysis::check_samples(&plan).map_err(failed)?;
     }

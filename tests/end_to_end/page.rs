@@ -54,7 +54,7 @@ fn the_page_shows_the_results_and_reacts_to_pointer_and_keys() {
     let column = page.eval(abs_rel).as_u64().expect("a column") as usize;
     let column_values =
         format!("[...document.querySelectorAll('#scores tbody tr')].map((tr) => Number(tr.children[{column}].title))");
-    let mut values_of_column = |page: &mut Browser| -> Vec<f64> {
+    let values_of_column = |page: &mut Browser| -> Vec<f64> {
         let values = page.eval(&column_values);
         values.as_array().expect("a column").iter().filter_map(serde_json::Value::as_f64).collect()
     };

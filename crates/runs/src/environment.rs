@@ -29,7 +29,7 @@ pub struct Environment {
     /// The version of the program.
     depthloom: &'static str,
     arguments: Vec<String>,
-    /// The git repository of the experiment; null if there is none.
+    /// The git repository of the experiment; null outside of one.
     git: Option<GitState>,
     os: &'static str,
     architecture: &'static str,

@@ -43,7 +43,7 @@ impl GitState {
     /// The state of the repository of the first file, given the texts that all files of the experiment had when it was
     /// loaded. `None` if there is no repository, or no commit in it.
     #[must_use]
-    pub fn of<'a>(files: impl IntoIterator<Item = (&'a Path, &'a str)>) -> Option<Self> {
+    pub fn of_files<'a>(files: impl IntoIterator<Item = (&'a Path, &'a str)>) -> Option<Self> {
         let files = files.into_iter().map(|(path, text)| (fs::canonicalize(path).ok(), text));
         let files: Vec<(Option<PathBuf>, &str)> = files.collect();
         let tree = WorkTree::around(files.first()?.0.as_deref()?)?;
@@ -298,7 +298,7 @@ mod tests {
         /// The state of files with these texts.
         fn state(&self, files: &[(&str, &str)]) -> Option<GitState> {
             let files: Vec<(PathBuf, &str)> = files.iter().map(|(name, text)| (self.path(name), *text)).collect();
-            GitState::of(files.iter().map(|(path, text)| (path.as_path(), *text)))
+            GitState::of_files(files.iter().map(|(path, text)| (path.as_path(), *text)))
         }
     }
 
@@ -366,10 +366,10 @@ mod tests {
     fn a_file_outside_of_a_repository_has_no_commit() {
         let folder = tempfile::tempdir().unwrap();
         let file = folder.path().join("a.yaml");
-        assert_eq!(GitState::of([(file.as_path(), TEXT)]), None, "a file that does not exist");
+        assert_eq!(GitState::of_files([(file.as_path(), TEXT)]), None, "a file that does not exist");
         fs::write(&file, TEXT).unwrap();
         fs::write(folder.path().join(".git"), "gitdir: nowhere\n").unwrap();
-        assert_eq!(GitState::of([(file.as_path(), TEXT)]), None, "a folder that does not exist");
-        assert_eq!(GitState::of([]), None);
+        assert_eq!(GitState::of_files([(file.as_path(), TEXT)]), None, "a folder that does not exist");
+        assert_eq!(GitState::of_files([]), None);
     }
 }

@@ -1,7 +1,7 @@
 //! The range of the colour scale that all maps of one kind share.
 //!
-//! It depends on ground truth alone if there is ground truth, and otherwise on what most maps have in common: a map that
-//! is wrong, or a few wrong pixels, do not change the colours of the others.
+//! It depends on ground truth alone if there is ground truth, and otherwise on what most maps have in common. A wrong
+//! map, or a few wrong pixels, do not change the colours of the others.
 
 use super::maps::{CodeRange, Scale};
 

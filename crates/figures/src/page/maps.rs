@@ -246,8 +246,8 @@ fn planes(codes: &[Option<u16>], width: usize) -> Vec<u8> {
     bytes
 }
 
-/// Bytes as a grey PNG. Every row has the filter `Sub`, and deflate is that of `fdeflate`: the same bytes on any machine.
-/// It is many times as fast as zlib's, and its output is no larger for these planes.
+/// Bytes as a grey PNG. Every row has the filter `Sub`, and deflate is that of `fdeflate`: the same bytes on any
+/// machine. It is many times as fast as zlib's, and its output is no larger for these planes.
 fn encoded(bytes: &[u8], width: usize) -> Vec<u8> {
     let mut file = Vec::with_capacity(bytes.len() / 2);
     let mut encoder = png::Encoder::new(&mut file, width as u32, (bytes.len() / width) as u32);

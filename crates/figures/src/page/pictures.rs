@@ -362,8 +362,8 @@ fn probe(recording: &Recording, series: &[Series], output: Output<'_>) -> Result
         let (count, detailed) = (of.positions.len(), of.detailed.len());
         let some = PROBES.min(count);
         let tried: Vec<FrameIndex> = (0..some).map(|i| of.positions[(2 * i + 1) * count / (2 * some)]).collect();
-        let of = &Series { detailed: tried.iter().copied().collect(), ..of.clone() };
-        let made = all_at_once(&tried, some, &|position| frame(recording, of, position, PROBED, output))?;
+        let tried_series = &Series { detailed: tried.iter().copied().collect(), ..of.clone() };
+        let made = all_at_once(&tried, some, &|position| frame(recording, tried_series, position, PROBED, output))?;
         for (place, layer) in of.layers.iter().enumerate() {
             let bytes: usize =
                 made.iter().filter_map(|made| made.text.split(|byte| *byte == b'\n').nth(place)).map(<[u8]>::len).sum();
