@@ -1,12 +1,13 @@
 //! `report.html` in a browser: it opens without errors and without a network, and its controls work.
 
+use std::collections::HashSet;
 use std::fs;
 use std::path::{Path, PathBuf};
 
 use depthloom_test_needs::chromium;
 
 use crate::browser::Browser;
-use crate::support::{depthloom, number, read_csv, succeed, workspace};
+use crate::support::{Row, depthloom, number, read_csv, succeed, workspace};
 
 /// Markup with scripts that must not run.
 const HOSTILE: &str = r#"</script><script>window.broken=1</script><img src=x onerror="window.broken=1">"#;
@@ -33,38 +34,27 @@ fn opened(test: &str, page: &Path) -> Option<Browser> {
     Some(browser)
 }
 
-#[test]
-fn the_page_shows_the_results_and_reacts_to_pointer_and_keys() {
-    const TEST: &str = "the_page_shows_the_results_and_reacts_to_pointer_and_keys";
-    if chromium(TEST).is_none() {
-        return;
-    }
-    let folder = tempfile::tempdir().expect("a folder");
-    let run = small(folder.path());
-    let Some(mut browser) = opened(TEST, &run.join("report.html")) else { return };
-    let page = &mut browser;
-    assert_eq!(page.eval("document.getElementById('about').textContent"), HOSTILE);
-    assert_eq!(page.eval("window.broken === undefined && !document.querySelector('img')"), true);
+/// The numbers of a column of the table.
+fn column_values(page: &mut Browser, column: usize) -> Vec<f64> {
+    let values = page.eval(&format!(
+        "[...document.querySelectorAll('#scores tbody tr')].map((tr) => Number(tr.children[{column}].title))"
+    ));
+    values.as_array().expect("a column").iter().filter_map(serde_json::Value::as_f64).collect()
+}
 
-    // The table has the numbers of table.csv, marks the best, sorts, and shows the paper's numbers on demand.
-    let rows = read_csv(&run.join("table.csv"));
-    assert_eq!(page.eval("document.querySelectorAll('#scores tbody tr').length"), rows.len());
+/// Checks the order of the table, the statement on significance, and the colours of variants. Returns the column of the
+/// leading metric.
+fn check_order(page: &mut Browser, rows: &[Row]) -> usize {
     let abs_rel =
         "[...document.querySelectorAll('#scores thead th')].findIndex((th) => th.textContent.startsWith('abs_rel'))";
     let column = page.eval(abs_rel).as_u64().expect("a column") as usize;
-    let column_values =
-        format!("[...document.querySelectorAll('#scores tbody tr')].map((tr) => Number(tr.children[{column}].title))");
-    let values_of_column = |page: &mut Browser| -> Vec<f64> {
-        let values = page.eval(&column_values);
-        values.as_array().expect("a column").iter().filter_map(serde_json::Value::as_f64).collect()
-    };
     // The best rows are first, in each pixel set; a button restores the order of table.csv.
-    let shown = values_of_column(page);
-    let sets: std::collections::HashSet<&str> = rows.iter().map(|row| row["set"].as_str()).collect();
+    let shown = column_values(page, column);
+    let sets: HashSet<&str> = rows.iter().map(|row| row["set"].as_str()).collect();
     let breaks = shown.windows(2).filter(|pair| pair[0] > pair[1]).count();
     assert!(shown.len() == rows.len() && breaks < sets.len(), "{shown:?}");
     page.eval("[...document.querySelectorAll('#table button')].find((button) => button.textContent === 'order of the experiment').click()");
-    for (theirs, row) in values_of_column(page).into_iter().zip(&rows) {
+    for (theirs, row) in column_values(page, column).into_iter().zip(rows) {
         let ours = number(row, "abs_rel");
         assert!((ours - theirs).abs() <= 1e-6 * ours, "{ours} in table.csv, {theirs} on the page");
     }
@@ -75,38 +65,11 @@ fn the_page_shows_the_results_and_reacts_to_pointer_and_keys() {
     // Each variant has its own colour.
     let strokes = "new Set([...document.querySelectorAll('#scores tbody tr')].filter((tr) => tr.textContent.includes('fused')).map((tr) => tr.querySelector('svg.line line').getAttribute('stroke'))).size";
     assert_eq!(page.eval(strokes), 2);
-    assert!(page.eval("document.querySelectorAll('#scores td.best').length").as_u64() > Some(0));
-    page.eval(&format!("document.querySelectorAll('#scores thead button')[{column}].click()"));
-    let values = values_of_column(page);
-    assert!(values.len() == rows.len() && values.is_sorted(), "{values:?}");
-    page.eval("document.getElementById('paper').click()");
-    assert!(page.eval("document.querySelectorAll('#scores .beside').length").as_u64() >= Some(8));
+    column
+}
 
-    // Hovering over the figure shows metres, medians and counts; an estimate can be hidden.
-    let hover = "document.querySelector('#distance-plot .hover:not([hidden])')?.textContent ?? ''";
-    page.point_at("#distance-plot .u-over", (0.3, 0.5));
-    page.until(&format!("({hover}).includes('ground-truth distance')"));
-    let text = page.eval(hover);
-    assert!(text.as_str().is_some_and(|text| text.contains("stereo") && text.contains("median")), "{text}");
-    page.eval(
-        "[...document.querySelectorAll('#distance .pick label')].find((label) => label.textContent === 'stereo').click()",
-    );
-    page.point_at("#distance-plot .u-over", (0.31, 0.5));
-    page.until(&format!("({hover}).includes('ground-truth distance') && !({hover}).includes('stereo')"));
-
-    // Keys move the slider; all views show the frame.
-    assert_eq!(page.eval("depthloomPage.state.part.frames.length"), 6);
-    let sum = "document.querySelectorAll('.view canvas')[2].toDataURL()";
-    let before = page.eval(sum);
-    page.eval("document.getElementById('slider').focus()");
-    for kind in ["keyDown", "keyUp"] {
-        let key =
-            serde_json::json!({ "type": kind, "key": "ArrowRight", "code": "ArrowRight", "windowsVirtualKeyCode": 39 });
-        page.call("Input.dispatchKeyEvent", &key);
-    }
-    page.until("depthloomPage.state.place === 1 && !depthloomPage.state.busy");
-    assert_ne!(page.eval(sum), before, "another frame has another picture");
-
+/// Checks the filter of frames, and shows the second frame.
+fn check_filter(page: &mut Browser) {
     // A filter leaves some frames, through which slider and buttons move.
     let typed = |page: &mut Browser, field: &str, text: &str| {
         page.eval(&format!(
@@ -136,6 +99,58 @@ fn the_page_shows_the_results_and_reacts_to_pointer_and_keys() {
     page.until("!depthloomPage.state.busy && depthloomPage.state.visible.length === 6");
     page.eval("depthloomPage.show(1)");
     page.until("depthloomPage.state.place === 1 && !depthloomPage.state.busy");
+}
+
+#[test]
+fn the_page_shows_the_results_and_reacts_to_pointer_and_keys() {
+    const TEST: &str = "the_page_shows_the_results_and_reacts_to_pointer_and_keys";
+    if chromium(TEST).is_none() {
+        return;
+    }
+    let folder = tempfile::tempdir().expect("a folder");
+    let run = small(folder.path());
+    let Some(mut browser) = opened(TEST, &run.join("report.html")) else { return };
+    let page = &mut browser;
+    assert_eq!(page.eval("document.getElementById('about').textContent"), HOSTILE);
+    assert_eq!(page.eval("window.broken === undefined && !document.querySelector('img')"), true);
+
+    // The table has the numbers of table.csv, marks the best, sorts, and shows the paper's numbers on demand.
+    let rows = read_csv(&run.join("table.csv"));
+    assert_eq!(page.eval("document.querySelectorAll('#scores tbody tr').length"), rows.len());
+    let column = check_order(page, &rows);
+    assert!(page.eval("document.querySelectorAll('#scores td.best').length").as_u64() > Some(0));
+    page.eval(&format!("document.querySelectorAll('#scores thead button')[{column}].click()"));
+    let values = column_values(page, column);
+    assert!(values.len() == rows.len() && values.is_sorted(), "{values:?}");
+    page.eval("document.getElementById('paper').click()");
+    assert!(page.eval("document.querySelectorAll('#scores .beside').length").as_u64() >= Some(8));
+
+    // Hovering over the figure shows metres, medians and counts; an estimate can be hidden.
+    let hover = "document.querySelector('#distance-plot .hover:not([hidden])')?.textContent ?? ''";
+    page.point_at("#distance-plot .u-over", (0.3, 0.5));
+    page.until(&format!("({hover}).includes('ground-truth distance')"));
+    let text = page.eval(hover);
+    assert!(text.as_str().is_some_and(|text| text.contains("stereo") && text.contains("median")), "{text}");
+    page.eval(
+        "[...document.querySelectorAll('#distance .pick label')].find((label) => label.textContent === 'stereo').click()",
+    );
+    page.point_at("#distance-plot .u-over", (0.31, 0.5));
+    page.until(&format!("({hover}).includes('ground-truth distance') && !({hover}).includes('stereo')"));
+
+    // Keys move the slider; all views show the frame.
+    assert_eq!(page.eval("depthloomPage.state.part.frames.length"), 6);
+    let sum = "document.querySelectorAll('.view canvas')[2].toDataURL()";
+    let before = page.eval(sum);
+    page.eval("document.getElementById('slider').focus()");
+    for kind in ["keyDown", "keyUp"] {
+        let key =
+            serde_json::json!({ "type": kind, "key": "ArrowRight", "code": "ArrowRight", "windowsVirtualKeyCode": 39 });
+        page.call("Input.dispatchKeyEvent", &key);
+    }
+    page.until("depthloomPage.state.place === 1 && !depthloomPage.state.busy");
+    assert_ne!(page.eval(sum), before, "another frame has another picture");
+
+    check_filter(page);
 
     // The values on hover equal the recorded ones.
     page.point_at(".view:nth-child(2) .glass", (0.5, 0.9));

@@ -3,7 +3,7 @@
 use depthloom_graphs::plan::{FrameIndex, NodeId, RunId};
 use std::collections::{BTreeMap, BTreeSet, HashMap};
 
-use depthloom_figures::page::{Layer, Pictures, Scale, Series};
+use depthloom_figures::page::{ColourRange, Layer, Pictures, Scale, Series};
 use depthloom_figures::{EstimateKey, Look, looks};
 use depthloom_recording::{RecordedFrame, RecordedPlan, Recording};
 use depthloom_scores::PixelSet;
@@ -235,10 +235,8 @@ pub(super) fn pictures(
     pictures: &Pictures,
 ) -> Json {
     let place = |index: &usize| shown.iter().position(|known| known == index);
-    let one = |((own, there), colours): ((&Series, &Vec<bool>), &Vec<(&'static str, [f64; 2])>)| {
-        let colours = colours
-            .iter()
-            .map(|(value_type, ends)| ((*value_type).to_owned(), numbers(ends.iter().copied().map(Some))));
+    let one = |((own, there), colours): ((&Series, &Vec<bool>), &Vec<ColourRange>)| {
+        let colours = colours.iter().map(|range| (range.value_type.to_owned(), numbers(range.ends.map(Some))));
         let planned = &recording.plan().runs[own.run];
         let frames = recording.frames(own.run);
         let layers = own.layers.iter().zip(there).map(|(layer, there)| {

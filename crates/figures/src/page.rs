@@ -17,6 +17,7 @@ use depthloom_recording::RecordingError;
 use depthloom_threads::Caught;
 use serde_json::Value as Json;
 
+pub use self::colour_range::ColourRange;
 pub use self::maps::{Scale, Steps};
 pub use self::pictures::{Layer, Pictures, Role, Series, evenly};
 pub use self::plan::plan_drawing;

@@ -22,8 +22,17 @@ pub(super) struct RangedMap<'a> {
     pub(super) frames: &'a [CodeRange],
 }
 
-/// The numbers at both ends of the colour scale, by value type.
-pub(super) fn colour_ranges(maps: &[RangedMap<'_>]) -> Vec<(&'static str, [f64; 2])> {
+/// The colour scale of the maps of a value type.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct ColourRange {
+    /// The name of the type.
+    pub value_type: &'static str,
+    /// The numbers at both ends.
+    pub ends: [f64; 2],
+}
+
+/// The colour scales of all value types.
+pub(super) fn colour_ranges(maps: &[RangedMap<'_>]) -> Vec<ColourRange> {
     let mut ranges = Vec::new();
     for types in KINDS {
         let own: Vec<&RangedMap<'_>> = maps.iter().filter(|map| types.contains(&map.value_type)).collect();
@@ -35,7 +44,7 @@ pub(super) fn colour_ranges(maps: &[RangedMap<'_>]) -> Vec<(&'static str, [f64; 
         });
         if let Some(CodeRange { low, high }) = range {
             let ends = [scale.number(low), scale.number(high)];
-            ranges.extend(types.iter().map(|value_type| (*value_type, ends)));
+            ranges.extend(types.iter().map(|value_type| ColourRange { value_type, ends }));
         }
     }
     ranges
@@ -87,7 +96,7 @@ mod tests {
         CodeRange { low: scale.code(low), high: scale.code(high) }
     }
 
-    fn ranges(maps: &[(&str, bool, &[CodeRange])]) -> Vec<(&'static str, [f64; 2])> {
+    fn ranges(maps: &[(&str, bool, &[CodeRange])]) -> Vec<ColourRange> {
         let map =
             |&(value_type, is_truth, frames)| RangedMap { value_type, is_truth, scale: scale(value_type), frames };
         colour_ranges(&maps.iter().map(map).collect::<Vec<_>>())
@@ -102,7 +111,7 @@ mod tests {
         let truth = [codes(DEPTH, 5.0, 80.0), codes(DEPTH, 6.0, 60.0)];
         let bad = [codes(DEPTH, 1e6, 1e6); 2];
         let found = ranges(&[(DEPTH, true, &truth), (DEPTH, false, &bad), (DEPTH, false, &bad)]);
-        assert!(found.len() == 1 && is_about(found[0].1, [5.0, 80.0]), "{found:?}");
+        assert!(found.len() == 1 && is_about(found[0].ends, [5.0, 80.0]), "{found:?}");
     }
 
     #[test]
@@ -110,11 +119,11 @@ mod tests {
         let good = [codes(DEPTH, 4.0, 90.0)];
         for bad in [codes(DEPTH, 1e6, 1e6), codes(DEPTH, 0.002, 0.002), codes(DEPTH, 1e5, 1e6)] {
             let found = ranges(&[(DEPTH, false, &good), (DEPTH, false, &[bad])]);
-            let [low, high] = found[0].1;
+            let [low, high] = found[0].ends;
             assert!(low > 3.9 && low < 4.1 && high > 89.0 && high < 365.0, "{found:?}");
         }
         let alone = ranges(&[(DEPTH, false, &[codes(DEPTH, 7.0, 7.0)])]);
-        assert!(is_about(alone[0].1, [7.0, 7.0]), "{alone:?}");
+        assert!(is_about(alone[0].ends, [7.0, 7.0]), "{alone:?}");
     }
 
     #[test]
@@ -122,7 +131,8 @@ mod tests {
         let truth = [codes("ground-truth-disparity", 3.0, 90.0)];
         let estimate = [codes("disparity", 0.0, 900.0)];
         let found = ranges(&[("disparity", false, &estimate), ("ground-truth-disparity", true, &truth)]);
-        assert_eq!(found, [("disparity", [3.0, 90.0]), ("ground-truth-disparity", [3.0, 90.0])]);
+        let expected = |value_type| ColourRange { value_type, ends: [3.0, 90.0] };
+        assert_eq!(found, ["disparity", "ground-truth-disparity"].map(expected));
         assert!(ranges(&[("weight", false, &[])]).is_empty());
         assert!(ranges(&[(DEPTH, true, &[]), (DEPTH, false, &[])]).is_empty());
     }
@@ -132,6 +142,6 @@ mod tests {
         let mut frames = vec![codes(DEPTH, 5.0, 80.0); 40];
         frames[3] = codes(DEPTH, 0.01, 1e5);
         let found = ranges(&[(DEPTH, true, &frames)]);
-        assert!(is_about(found[0].1, [5.0, 80.0]), "{found:?}");
+        assert!(is_about(found[0].ends, [5.0, 80.0]), "{found:?}");
     }
 }

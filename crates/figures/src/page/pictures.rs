@@ -24,11 +24,10 @@ use depthloom_scores::Settings;
 use depthloom_threads::{Budget, Tiles as _, caught, into_unlocked, locked};
 use image::ExtendedColorType;
 use image::codecs::jpeg::JpegEncoder;
-use image::imageops::thumbnail;
 use serde_json::{Value as Json, json};
 
 use super::PageError;
-use super::colour_range::{RangedMap, colour_ranges};
+use super::colour_range::{ColourRange, RangedMap, colour_ranges};
 use super::maps::{COARSE, CodeRange, FINE, Samples, Scale, Steps, encode};
 use crate::scored_map::as_scored;
 
@@ -188,8 +187,8 @@ pub struct Pictures {
     file: File,
     /// By series and layer, whether any frame has it.
     there: Vec<Vec<bool>>,
-    /// By series, the ends of the colour scale of each value type.
-    colour_ranges: Vec<Vec<(&'static str, [f64; 2])>>,
+    /// By series, its colour scales.
+    colour_ranges: Vec<Vec<ColourRange>>,
     /// The number of maps that could not be read because their bytes are damaged.
     damaged: u64,
 }
@@ -303,9 +302,9 @@ impl Pictures {
         &self.there
     }
 
-    /// By series, the numbers at the ends of the colour scale of each value type.
+    /// By series, its colour scales.
     #[must_use]
-    pub fn colour_ranges(&self) -> &[Vec<(&'static str, [f64; 2])>] {
+    pub fn colour_ranges(&self) -> &[Vec<ColourRange>] {
         &self.colour_ranges
     }
 
@@ -489,21 +488,48 @@ fn frame(
 
 /// An image as `j` and its JPEG.
 fn jpeg(image: &Image, widest: u32) -> Result<Vec<u8>, PageError> {
-    let (width, height) = smaller(image.dimensions(), widest);
+    let from = image.dimensions();
+    let (width, height) = smaller(from, widest);
     let mut bytes = Vec::new();
     let mut encoder = JpegEncoder::new_with_quality(&mut bytes, QUALITY);
     let encoded = match image.pixels() {
         Pixels::Grey(grey) => {
-            encoder.encode(thumbnail(grey, width, height).as_raw(), width, height, ExtendedColorType::L8)
+            let means = means_of_cells::<1>(grey.as_raw(), from, (width, height));
+            encoder.encode(&means, width, height, ExtendedColorType::L8)
         }
         Pixels::Rgb(rgb) => {
-            encoder.encode(thumbnail(rgb, width, height).as_raw(), width, height, ExtendedColorType::Rgb8)
+            let means = means_of_cells::<3>(rgb.as_raw(), from, (width, height));
+            encoder.encode(&means, width, height, ExtendedColorType::Rgb8)
         }
     };
     encoded.map_err(|error| {
         PageError::Content(format!("an image of {width}x{height} cannot be encoded as JPEG: {error}"))
     })?;
     Ok([b"j".as_slice(), BASE64_STANDARD.encode(&bytes).as_bytes()].concat())
+}
+
+/// An image of fewer pixels of `N` bytes, each the mean of its cell.
+fn means_of_cells<const N: usize>(raw: &[u8], from: (u32, u32), to: (u32, u32)) -> Vec<u8> {
+    let (pixels, _) = raw.as_chunks::<N>();
+    let columns: Vec<Range<usize>> = (0..to.0).map(|x| cell(x, from.0, to.0)).collect();
+    let mut means = Vec::with_capacity(to.0 as usize * to.1 as usize * N);
+    let mut sums = vec![[0_u32; N]; columns.len()];
+    for y in 0..to.1 {
+        let rows = cell(y, from.1, to.1);
+        sums.fill([0; N]);
+        for line in pixels.chunks(from.0 as usize).take(rows.end).skip(rows.start) {
+            for (sum, column) in sums.iter_mut().zip(&columns) {
+                for pixel in &line[column.clone()] {
+                    sum.iter_mut().zip(pixel).for_each(|(sum, byte)| *sum += u32::from(*byte));
+                }
+            }
+        }
+        for (sum, column) in sums.iter().zip(&columns) {
+            let count = (column.len() * rows.len()) as u32;
+            means.extend(sum.iter().map(|sum| ((sum + count / 2) / count) as u8));
+        }
+    }
+    means
 }
 
 /// A map as its width, its height, those of the recorded one, and its PNG, with spaces between; the recorded width; and
@@ -642,6 +668,15 @@ mod tests {
         assert!(chosen.windows(2).all(|two| two[1].0 - two[0].0 <= 80), "{chosen:?}");
         assert_eq!(evenly(&positions[..5], &BTreeSet::new(), 20), [0, 1, 2, 3, 4].map(FrameIndex));
         assert_eq!(evenly(&positions, &BTreeSet::new(), 1), [FrameIndex(0)]);
+    }
+
+    #[test]
+    fn a_pixel_of_a_smaller_image_is_the_mean_of_its_cell() {
+        let raw: Vec<u8> = (0..5 * 2).flat_map(|i| [10 * i, 100, 255]).collect();
+        let means = means_of_cells::<3>(&raw, (5, 2), (2, 1));
+        // Columns 0 and 1, then 2 to 4, of both rows.
+        assert_eq!(means, [30, 100, 255, 55, 100, 255]);
+        assert_eq!(means_of_cells::<1>(&raw, (30, 1), (30, 1)), raw);
     }
 
     #[test]
