@@ -116,6 +116,8 @@ pub(crate) struct Axis {
 pub(crate) struct Record {
     /// All topics, or these nodes (0: the sources) and whatever nothing reads.
     pub topics: Option<BTreeSet<Id>>,
+    /// The preset `lean`, to which the topics are added.
+    pub is_lean: bool,
     pub every: Option<u64>,
     pub view: Option<bool>,
     pub points: BTreeSet<Id>,
@@ -345,6 +347,9 @@ impl Experiment {
             patterns.extend(self.nodes().filter(|(_, node)| topics.contains(&node.id)).map(pattern));
             patterns.extend(self.unread().filter(|(_, node)| !topics.contains(&node.id)).map(pattern));
             record.insert("topics".to_owned(), json!(patterns));
+        }
+        if self.record.is_lean {
+            record.insert("preset".to_owned(), json!("lean"));
         }
         if let Some(every) = self.record.every {
             record.insert("every".to_owned(), json!(every));

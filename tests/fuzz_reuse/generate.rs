@@ -469,7 +469,7 @@ pub(crate) fn axis(random: &mut Random, experiment: &Experiment) -> Option<Axis>
 /// Record settings.
 pub(crate) fn record(random: &mut Random, experiment: &Experiment) -> Record {
     let nodes: Vec<Id> = experiment.nodes().map(|(_, node)| node.id).collect();
-    let topics = random.chance(2).then(|| {
+    let topics: Option<BTreeSet<Id>> = random.chance(2).then(|| {
         let chosen = nodes.iter().copied().filter(|_| random.chance(2)).collect::<Vec<_>>();
         chosen.into_iter().chain(random.chance(2).then_some(0)).collect()
     });
@@ -480,5 +480,6 @@ pub(crate) fn record(random: &mut Random, experiment: &Experiment) -> Record {
         points.insert(random.pick(&depths));
     }
     let every = random.chance(3).then(|| random.pick(&[1, 2, 3]));
-    Record { topics, every, view: random.chance(3).then(|| random.chance(2)), points }
+    let is_lean = topics.is_some() && random.chance(3);
+    Record { topics, is_lean, every, view: random.chance(3).then(|| random.chance(2)), points }
 }

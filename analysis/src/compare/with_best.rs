@@ -11,11 +11,12 @@ use crate::error::AnalysisError;
 use crate::estimates::Estimate;
 use crate::statistics::{IntervalMethod, Resampling};
 
-/// The resamples of the frames of all differences together, and their limits: a row takes at most a few milliseconds.
-const DRAWS: usize = 2_000_000;
+/// The frames that are drawn in all resamples together, and the limits of the number of resamples. A row takes a few
+/// milliseconds at most.
+const DRAWS: usize = 1_000_000;
 const RESAMPLES: (usize, usize) = (200, 2_000);
 /// With more frames, intervals are plain percentiles: the time of BCa grows with the square of their number.
-const MOST_FOR_BCA: usize = 1_000;
+const MOST_FOR_BCA: usize = 500;
 
 /// The difference between an estimate and the best one.
 #[derive(Clone, Copy, Debug, PartialEq)]

@@ -178,8 +178,8 @@ mod tests {
 
     use super::{Comparison, Condition};
 
-    fn holds(condition: &str, value: serde_json::Value) -> bool {
-        condition.parse::<Condition>().expect("a condition").is_true_of(&value)
+    fn holds(condition: &str, value: &serde_json::Value) -> bool {
+        condition.parse::<Condition>().expect("a condition").is_true_of(value)
     }
 
     #[test]
@@ -192,19 +192,21 @@ mod tests {
             "tag!=a=b".parse::<Condition>().map(|one| (one.comparison, one.value)),
             Ok((Comparison::Unequal, "a=b".into()))
         );
+        let error = "state=finished".parse::<Condition>().unwrap_err();
+        assert!(error.contains("there is no state `finished`") && error.contains("complete"), "{error}");
         assert!("block".parse::<Condition>().is_err() && "=5".parse::<Condition>().is_err());
     }
 
     #[test]
     fn numbers_compare_by_value_and_other_values_by_their_text() {
-        assert!(holds("x=5", json!(5.0)) && holds("x=5.0", json!(5)) && !holds("x=5", json!("five")));
-        assert!(holds("x<10", json!(9)) && !holds("x<10", json!(10)) && holds("x<=10", json!(10)));
-        assert!(holds("x>2", json!(10)) && holds("x!=2", json!(10)) && !holds("x>2", json!("many")));
-        assert!(holds("x=sgbm", json!("sgbm")) && holds("x=true", json!(true)) && holds("x=~", json!(null)));
-        assert!(holds("x=[640,192]", json!([640, 192])) && holds("x=[640, 192]", json!([640, 192])));
+        assert!(holds("x=5", &json!(5.0)) && holds("x=5.0", &json!(5)) && !holds("x=5", &json!("five")));
+        assert!(holds("x<10", &json!(9)) && !holds("x<10", &json!(10)) && holds("x<=10", &json!(10)));
+        assert!(holds("x>2", &json!(10)) && holds("x!=2", &json!(10)) && !holds("x>2", &json!("many")));
+        assert!(holds("x=sgbm", &json!("sgbm")) && holds("x=true", &json!(true)) && holds("x=~", &json!(null)));
+        assert!(holds("x=[640,192]", &json!([640, 192])) && holds("x=[640, 192]", &json!([640, 192])));
         let folder = json!({ "name": "kitti" });
-        assert!(holds("x=/data/kitti/", folder.clone()) && holds("x=kitti", folder.clone()));
-        assert!(!holds("x!=/data/kitti", folder.clone()) && holds("x!=/data/other", folder));
-        assert!(holds("x!=a", json!("b")) && !holds("x<b", json!("a")));
+        assert!(holds("x=/data/kitti/", &folder) && holds("x=kitti", &folder));
+        assert!(!holds("x!=/data/kitti", &folder) && holds("x!=/data/other", &folder));
+        assert!(holds("x!=a", &json!("b")) && !holds("x<b", &json!("a")));
     }
 }

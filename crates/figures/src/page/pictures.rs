@@ -44,8 +44,8 @@ const TRIED: f64 = 0.94;
 /// How many frames of each stage run are tried, and in which size: the bytes of other sizes are estimated from these.
 const PROBES: usize = 3;
 const PROBED: Size = SIZES[6];
-/// How the bytes of a picture grow with its width: at most by the first power above the probed width, at least by the
-/// second below it, where neighbouring pixels differ more.
+/// The powers of the width that bytes grow with: for wider pictures than the probed ones, and for narrower ones, where
+/// neighbouring pixels differ more. Both give an estimate that is rather too large.
 const GROWTH: (f64, f64) = (2.0, 1.6);
 /// The bytes of a map with fine steps, as a multiple of those with coarse steps.
 const FINE_BYTES: f64 = 1.4;
