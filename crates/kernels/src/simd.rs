@@ -181,6 +181,11 @@ impl Level {
     }
 
     #[cfg(target_arch = "x86_64")]
+    pub(crate) fn has_avx512_vbmi2(self) -> bool {
+        matches!(self.0, Set::Avx512Popcnt)
+    }
+
+    #[cfg(target_arch = "x86_64")]
     pub(crate) fn has_avx2(self) -> bool {
         matches!(self.0, Set::Avx2 | Set::Avx512 | Set::Avx512Popcnt)
     }

@@ -1,5 +1,5 @@
-//! The fast implementations: costs of 16 candidates at a time, bands of rows that stay in cache, pieces for all
-//! threads.
+//! The fast implementations: costs of 16 or 32 candidates at a time, bands of rows that stay in the cache, pieces for
+//! all threads.
 //!
 //! They rely on 16-bit costs that never saturate ([`fits`]), so that sums may be taken in any order; what could
 //! saturate goes to the plain twin. Only the sum over the directions may reach 32767, where adding numbers that are not
@@ -12,29 +12,29 @@
 //! | | operations (lanes) | loads | stores |
 //! |---|---|---|---|
 //! | pixel cost, two planes, bytes | 17 on half-size lanes | 6 bytes | 1 byte |
-//! | row and block sums | 4 | 6 | 2 |
+//! | sum over the block's height, of two rows at once | 6, half of them to widen bytes | 3 bytes | 1 |
+//! | sum over its width | 2 | 3 | 1 |
+//! | each direction along the row | 8, and 4 shuffles | 1 | 1 |
 //! | each direction from above | 8 | 3 (two of them across cache lines) | 1 |
-//! | each direction along the row | 8, and 4 shuffles | 2 | 1 |
 //! | choice | 3 | 1 | 0 |
 //!
-//! which is about 65 lane operations for five directions, 90 for eight. A Zen 4 core issues 64 lanes of 16 bits a cycle
-//! (half as many for saturating sums and shuffles) at 3.6 GHz or so: 28.3 million cells x 65 / 64 = 29 million cycles,
-//! 8 ms, for `sgbm`, if nothing but those operations cost anything. Measured there, CPU time of one thread, with the
-//! other core and the cache busy (milliseconds; OpenCV 5.0 in the same minutes):
+//! which is about 75 lane operations for five directions, 100 for eight. A core with AVX-512 does 64 lanes of 16 bits a
+//! cycle: 33 million cycles, 11 ms at 3 GHz, for `sgbm`. With AVX2 it does 48 on Intel's cores, 64 on Zen 4.
 //!
-//! | mode | AVX2 | OpenCV | ratio |
-//! |---|---|---|---|
-//! | `sgbm` | 20.3 | 65.3 | 3.2 |
-//! | `hh` | 43.2 | 150.5 | 3.5 |
-//! | `3way` | 17.7 | 50.1 | 2.8 |
-//! | `hh4` | 32.5 | 136.9 | 4.2 |
+//! Memory decides the order of the work. On a Xeon whose second-level cache has 2 MiB and whose last level is slow, a
+//! band of 24 rows with row sums (12 MB) made all of it wait: one direction from above took as long as three. What a
+//! small band needs (pixel costs of 8 rows, costs and sums of 4, paths) has 2.4 MB, and is read half as often. Measured
+//! there, two threads on what may be one core, neighbours busy; best of 8 (milliseconds; OpenCV 5.0 in turn):
 //!
-//! So `sgbm` runs at 40 % of that roof. What is above it: the minimum over disparities that each pixel of a path along
-//! the row waits for (two rows at a time share the wait), reads across cache lines, decisions that are scalar by nature
-//! (about a tenth). With two threads on two idle cores a frame took 12.7 ms in `sgbm` (19.7 with one), 12.2 in `3way`,
-//! 25 in `hh4`. Memory is not the limit except in `hh` and `hh4`, which write and read 57 MB of costs and 57 MB of
-//! sums: at the 20 GB/s this machine gave, 11 ms. A band's costs, sums and row sums take some 12 MB and stay in the
-//! last-level cache (80 GB/s); a tile's paths, 18 kB, in the first-level one.
+//! | mode | bands of 24 rows, AVX2 | now, 1 thread | 2 threads | OpenCV / now, 1 thread | 2 threads |
+//! |---|---|---|---|---|---|
+//! | `sgbm` | 36 | 25 | 19 | 3.9 | 6.9 |
+//! | `3way` | 38 | 21 | 18 | 3.6 | 2.8 |
+//! | `hh` | 64 | 47 | 31 | 4.0 | 7.8 |
+//! | `hh4` | 59 | 39 | 25 | 4.9 | 4.6 |
+//!
+//! `hh` and `hh4` write and read 57 MB of costs and 57 MB of sums besides. AVX-512 takes 0.8 times as long as AVX2
+//! there.
 //!
 //! # Soundness
 //!
@@ -45,9 +45,13 @@
 #![expect(unsafe_code, reason = "vector instructions, and buffers of which several threads write disjoint parts")]
 
 mod aggregate;
+mod along;
 #[cfg(target_arch = "x86_64")]
 mod avx2;
+#[cfg(target_arch = "x86_64")]
+mod avx512;
 mod bands;
+mod block_costs;
 mod costs;
 mod decide;
 mod kernels;
@@ -67,11 +71,17 @@ use crate::memory::TooMuch;
 use crate::simd::Level;
 use crate::tiles::Tiles;
 
-/// The kernels of a level. AVX-512 has no kernels: it was not faster than AVX2 on two generations of processors.
+/// The kernels of a level. Those of AVX-512 need shifts over two lanes, which the first processors with AVX-512 lack,
+/// and vectors of 32 disparities.
 fn kernels_of(level: Level, disparities: usize) -> Kernels {
     #[cfg(target_arch = "x86_64")]
-    if level.has_avx2() {
-        return kernels::avx2::kernels(disparities);
+    {
+        if level.has_avx512_vbmi2() && disparities.is_multiple_of(32) {
+            return kernels::avx512::kernels(disparities);
+        }
+        if level.has_avx2() {
+            return kernels::avx2::kernels(disparities);
+        }
     }
     #[cfg(not(target_arch = "x86_64"))]
     let _ = level;

@@ -86,41 +86,24 @@ pub(super) struct Aggregate<'a> {
     /// The row's number in the order in which rows are visited.
     pub i: usize,
     pub columns: std::ops::Range<usize>,
-    pub cost: *mut i16,
-    pub source: Source,
+    /// Block costs of the columns.
+    pub cost: *const i16,
+    /// Sums of earlier directions, to which the costs of these are added.
     pub sum: *mut i16,
 }
-
-/// What is there before the paths come; all pointers are to the first column's values.
-#[derive(Clone, Copy)]
-pub(super) enum Source {
-    Costs,
-    /// Block costs, and sums of earlier directions.
-    Sums(*const i16),
-    /// Block costs of the row before, and the row sums that enter and leave: block costs are made from them.
-    Slide([*const i16; 3]),
-}
-
-const COSTS: u8 = 0;
-const SUMS: u8 = 1;
-const SLIDE: u8 = 2;
 
 /// Aggregates costs along the paths through a part of a row.
 ///
 /// # Safety
 /// The instruction set of `L` must be present; the pointers hold the costs and sums of the columns; nothing else uses
-/// the sums, the costs if they are made, or the columns' slots.
+/// the sums or the columns' slots.
 #[inline(always)]
 pub(super) unsafe fn aggregate<L: Lanes, const N: usize>(m: &Aggregate<'_>) {
     // SAFETY: as the caller guarantees.
     unsafe {
-        match (m.slots, m.source) {
-            (&[down], Source::Costs) => through::<L, N, 1, COSTS>(m, [down]),
-            (&[down], Source::Sums(_)) => through::<L, N, 1, SUMS>(m, [down]),
-            (&[down], Source::Slide(_)) => through::<L, N, 1, SLIDE>(m, [down]),
-            (&[a, b, c], Source::Costs) => through::<L, N, 3, COSTS>(m, [a, b, c]),
-            (&[a, b, c], Source::Sums(_)) => through::<L, N, 3, SUMS>(m, [a, b, c]),
-            (&[a, b, c], Source::Slide(_)) => through::<L, N, 3, SLIDE>(m, [a, b, c]),
+        match *m.slots {
+            [down] => through::<L, N, 1>(m, [down]),
+            [a, b, c] => through::<L, N, 3>(m, [a, b, c]),
             _ => unreachable!("one direction or three"),
         }
     }
@@ -129,7 +112,7 @@ pub(super) unsafe fn aggregate<L: Lanes, const N: usize>(m: &Aggregate<'_>) {
 /// # Safety
 /// As [`aggregate`].
 #[inline(always)]
-unsafe fn through<L: Lanes, const N: usize, const DIRECTIONS: usize, const SOURCE: u8>(
+unsafe fn through<L: Lanes, const N: usize, const DIRECTIONS: usize>(
     m: &Aggregate<'_>,
     slots: [Slots<'_>; DIRECTIONS],
 ) {
@@ -151,11 +134,6 @@ unsafe fn through<L: Lanes, const N: usize, const DIRECTIONS: usize, const SOURC
         end[k] = slots[k].memory.at(LEAD + around[k]);
     }
     let (mut cost, mut sum) = (m.cost, m.sum);
-    let mut others = match m.source {
-        Source::Costs => [std::ptr::null(); 3],
-        Source::Sums(sums) => [sums; 3],
-        Source::Slide(rows) => rows,
-    };
     // SAFETY: slots are inside their memory with padding before and after; the rest as the caller guarantees.
     unsafe {
         let p1 = L::splat(search.p1);
@@ -169,15 +147,8 @@ unsafe fn through<L: Lanes, const N: usize, const DIRECTIONS: usize, const SOURC
             let mut smallest = [L::splat(i16::MAX); DIRECTIONS];
             for j in 0..n {
                 let at = j * L::LANES;
-                let c = if SOURCE == SLIDE {
-                    let change = L::sub(L::load(others[1].add(at)), L::load(others[2].add(at)));
-                    let c = L::add(L::load(others[0].add(at)), change);
-                    L::store(cost.add(at), c);
-                    c
-                } else {
-                    L::load(cost.add(at))
-                };
-                let mut total = L::splat(0);
+                let c = L::load(cost.add(at));
+                let mut total = L::load(sum.add(at));
                 for k in 0..DIRECTIONS {
                     let slot = slot[k].add(at);
                     let here = L::load(slot);
@@ -190,13 +161,7 @@ unsafe fn through<L: Lanes, const N: usize, const DIRECTIONS: usize, const SOURC
                     let new = L::add(L::sub(best, delta[k]), c);
                     L::store(slot, new);
                     smallest[k] = L::min(smallest[k], new);
-                    total = if k == 0 && SOURCE != SUMS {
-                        new
-                    } else if k == 0 {
-                        L::add_saturating(L::load(others[0].add(at)), new)
-                    } else {
-                        L::add_saturating(total, new)
-                    };
+                    total = L::add_saturating(total, new);
                 }
                 L::store(sum.add(at), total);
             }
@@ -209,9 +174,6 @@ unsafe fn through<L: Lanes, const N: usize, const DIRECTIONS: usize, const SOURC
             }
             cost = cost.add(d);
             sum = sum.add(d);
-            if SOURCE != COSTS {
-                others = [others[0].add(d), others[1].add(d), others[2].add(d)];
-            }
         }
     }
 }

@@ -1,6 +1,6 @@
-//! The directions along the row, and the decision: they need a row's costs and sums, and nothing of other rows.
+//! The path to the left, which completes the sums, and the decision.
 
-use super::aggregate::border;
+use super::along::{Fixed, advance};
 use super::lanes::{COMPARED, Lanes};
 use super::row_disparities::{DisparitySlots, RowDisparities};
 use crate::stereo::sgbm::Mode;
@@ -11,7 +11,7 @@ use crate::stereo::sgbm::search::Search;
 pub(super) struct Decide<'a> {
     pub search: &'a Search,
     pub cost: &'a [i16],
-    /// Sums of the other directions; left with the sums up to the direction to the right, or over all directions.
+    /// Sums of the other directions; over all directions afterwards, where these are kept.
     pub sum: &'a mut [i16],
     /// Whether the sums over all directions are left.
     pub keeps_totals: bool,
@@ -28,7 +28,7 @@ pub(super) fn total_len(search: &Search) -> usize {
     search.disparities.next_multiple_of(COMPARED)
 }
 
-/// Leads the paths to the right and to the left, and decides every column, of two rows at once: each pixel waits for
+/// Leads the paths to the left, and decides every column, of two rows at once: each pixel waits for
 /// its neighbour's minimum, and the other row fills the wait. Only with `MORE` is there ambiguity, and are totals kept:
 /// without it, nothing is asked per pixel.
 ///
@@ -63,12 +63,6 @@ unsafe fn decide_two<L: Lanes, P: AsMut<[L::V]>, const MORE: bool>(
         let search = a.search;
         let fixed = Fixed::<L>::new(search);
         let (mut row_a, mut row_b) = (Along::<L, P>::new(a, path_a), Along::<L, P>::new(b, path_b));
-        for x in 0..search.columns {
-            row_a.right(&fixed, x);
-            row_b.right(&fixed, x);
-        }
-        row_a.restart();
-        row_b.restart();
         for x in (0..search.columns).rev() {
             row_a.left::<MORE>(&fixed, x);
             row_b.left::<MORE>(&fixed, x);
@@ -87,30 +81,11 @@ unsafe fn decide_one<L: Lanes, P: AsMut<[L::V]>, const MORE: bool>(row: &mut Dec
         let search = row.search;
         let fixed = Fixed::<L>::new(search);
         let mut along = Along::<L, P>::new(row, path);
-        for x in 0..search.columns {
-            along.right(&fixed, x);
-        }
-        along.restart();
         for x in (0..search.columns).rev() {
             along.left::<MORE>(&fixed, x);
         }
     }
     row.disparities.finish(row.search, row.out);
-}
-
-#[derive(Clone, Copy)]
-struct Fixed<'a, L: Lanes> {
-    search: &'a Search,
-    p1: L::V,
-    p2: L::V,
-    border: L::V,
-}
-
-impl<'a, L: Lanes> Fixed<'a, L> {
-    #[inline(always)]
-    fn new(search: &'a Search) -> Self {
-        Self { search, p1: L::splat(search.p1), p2: L::splat(search.p2), border: L::splat(border(search)) }
-    }
 }
 
 struct Along<L: Lanes, P> {
@@ -147,23 +122,6 @@ impl<L: Lanes, P: AsMut<[L::V]>> Along<L, P> {
         }
     }
 
-    #[inline(always)]
-    fn restart(&mut self) {
-        self.path.as_mut().fill(L::splat(0));
-        self.smallest = L::splat(0);
-    }
-
-    #[inline(always)]
-    unsafe fn right(&mut self, fixed: &Fixed<'_, L>, x: usize) {
-        // SAFETY: as the caller guarantees.
-        unsafe {
-            let path = self.path.as_mut();
-            let at = x * path.len() * L::LANES;
-            let sum = self.sum.add(at);
-            self.smallest = advance::<L, false>(path, self.smallest, fixed, self.cost.add(at), sum, sum).0;
-        }
-    }
-
     /// One step to the left, to column `x`, which completes its sums: it is decided.
     #[inline(always)]
     unsafe fn left<const MORE: bool>(&mut self, fixed: &Fixed<'_, L>, x: usize) {
@@ -173,7 +131,7 @@ impl<L: Lanes, P: AsMut<[L::V]>> Along<L, P> {
             let d = path.len() * L::LANES;
             let (cost, sum) = (self.cost.add(x * d), self.sum.add(x * d));
             let least;
-            (self.smallest, least) = advance::<L, true>(path, self.smallest, fixed, cost, sum, self.total);
+            (self.smallest, least) = advance::<L, true, true>(path, self.smallest, fixed, cost, sum, self.total);
             let padded = std::slice::from_raw_parts(self.total, d.next_multiple_of(COMPARED));
             let best = choose::<L>(fixed.search, least, padded);
             if is_unique::<L>(fixed.search, least, best, padded) {
@@ -188,47 +146,6 @@ impl<L: Lanes, P: AsMut<[L::V]>> Along<L, P> {
                 sum.copy_from_nonoverlapping(self.total, d);
             }
         }
-    }
-}
-
-/// Leads a path on by one pixel, and adds its costs to the sums. Returns their minimum, and if `LEAST` that of the
-/// sums.
-///
-/// # Safety
-/// As [`decide`]; the pointers hold the pixel's block costs and sums, and room for the new sums.
-#[inline(always)]
-unsafe fn advance<L: Lanes, const LEAST: bool>(
-    path: &mut [L::V],
-    smallest: L::V,
-    fixed: &Fixed<'_, L>,
-    cost: *const i16,
-    sum: *const i16,
-    to: *mut i16,
-) -> (L::V, L::V) {
-    let Fixed { p1, p2, border, .. } = *fixed;
-    // SAFETY: as the caller guarantees.
-    unsafe {
-        let n = path.len();
-        let delta = L::add(smallest, p2);
-        let mut smallest = L::splat(i16::MAX);
-        let mut least = smallest;
-        let mut before = border;
-        for j in 0..n {
-            let here = path[j];
-            let after = if j + 1 < n { path[j + 1] } else { border };
-            let near = L::add(L::min(L::below(before, here), L::above(here, after)), p1);
-            let best = L::min(L::min(near, here), delta);
-            let new = L::add(L::sub(best, delta), L::load(cost.add(j * L::LANES)));
-            path[j] = new;
-            before = here;
-            smallest = L::min(smallest, new);
-            let new = L::add_saturating(L::load(sum.add(j * L::LANES)), new);
-            L::store(to.add(j * L::LANES), new);
-            if LEAST {
-                least = L::min(least, new);
-            }
-        }
-        (L::minimum(smallest), if LEAST { L::minimum(least) } else { least })
     }
 }
 

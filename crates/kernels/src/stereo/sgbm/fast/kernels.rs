@@ -4,7 +4,8 @@
 //! stay in registers, and once for any number.
 
 use super::aggregate::{self, Aggregate};
-use super::costs::{self, CostRow, Slide};
+use super::block_costs::{self, BlockRows};
+use super::costs::{self, CostRow};
 use super::decide::{self, Decide};
 use super::lanes::{Lanes, Portable};
 use super::right_view::{self, RightRow};
@@ -23,7 +24,7 @@ pub(super) struct Kernels {
     pub padding: usize,
     pub planes: unsafe fn(&mut Planes, &Search, &View<'_>, usize, bool),
     pub cost_row: unsafe fn(&mut CostRow<'_>),
-    pub slide: unsafe fn(&mut Slide<'_>),
+    pub block_costs: unsafe fn(&mut BlockRows<'_>),
     pub aggregate: unsafe fn(&Aggregate<'_>),
     pub decide: unsafe fn(&mut [Decide<'_>]),
     /// `decide` for rows whose ambiguity or totals are wanted.
@@ -36,7 +37,7 @@ pub(super) struct Kernels {
 macro_rules! compiled {
     ($name:ident, $lanes:ty $(, $feature:literal)?) => {
         pub(super) mod $name {
-            use super::{CostRow, Decide, Kernels, Lanes, Aggregate, Planes, RightRow, Search, Slide, View, costs, decide, aggregate, median3_row, right_view};
+            use super::{Aggregate, BlockRows, CostRow, Decide, Kernels, Lanes, Planes, RightRow, Search, View, aggregate, block_costs, costs, decide, median3_row, right_view};
 
             $(#[target_feature(enable = $feature)])?
             unsafe fn planes(planes: &mut Planes, search: &Search, image: &View<'_>, y: usize, reversed: bool) {
@@ -50,8 +51,9 @@ macro_rules! compiled {
             }
 
             $(#[target_feature(enable = $feature)])?
-            unsafe fn slide(part: &mut Slide<'_>) {
-                costs::slide(part);
+            unsafe fn block_costs<const N: usize>(rows: &mut BlockRows<'_>) {
+                // SAFETY: as `Kernels` says.
+                unsafe { block_costs::block_costs::<$lanes, N>(rows) }
             }
 
             $(#[target_feature(enable = $feature)])?
@@ -79,9 +81,10 @@ macro_rules! compiled {
 
             fn table<const N: usize>() -> Kernels {
                 let padding = <$lanes>::LANES;
-                let (cost_row, aggregate, right_view) = (cost_row::<N>, aggregate::<N>, right_view::<N>);
+                let (cost_row, block_costs, right_view) = (cost_row::<N>, block_costs::<N>, right_view::<N>);
+                let aggregate = aggregate::<N>;
                 let (decide, decide_more) = (decide::<N, false>, decide::<N, true>);
-                Kernels { padding, planes, cost_row, slide, aggregate, decide, decide_more, right_view, median }
+                Kernels { padding, planes, cost_row, block_costs, aggregate, decide, decide_more, right_view, median }
             }
 
             pub(crate) fn kernels(disparities: usize) -> Kernels {
@@ -101,3 +104,9 @@ macro_rules! compiled {
 compiled!(portable, super::Portable);
 #[cfg(target_arch = "x86_64")]
 compiled!(avx2, crate::stereo::sgbm::fast::avx2::Avx2, "avx2");
+#[cfg(target_arch = "x86_64")]
+compiled!(
+    avx512,
+    crate::stereo::sgbm::fast::avx512::Avx512,
+    "avx2,bmi1,bmi2,lzcnt,popcnt,avx512f,avx512bw,avx512dq,avx512vl,avx512vbmi2"
+);
