@@ -7,7 +7,7 @@
 use std::hint::black_box;
 
 use criterion::{BenchmarkId, Criterion, Throughput, criterion_group, criterion_main};
-use depthloom_kernels::convolve::{Activation, Convolution, ConvolutionScratch, Double, Gradients, Same};
+use depthloom_kernels::convolve::{Activation, Double, Gradients, ImageGradient, Layer, LayerScratch, Planes, Same};
 use depthloom_kernels::simd::Level;
 
 fn noise(count: usize) -> Vec<f32> {
@@ -24,10 +24,11 @@ fn same(c: &mut Criterion) {
         (192, 96, 20, 6),
         (128, 128, 10, 3),
     ] {
-        let op = Same { inputs, outputs, width, height, kernel: 3, activation: Activation::Relu };
-        let (image, slope) = (noise(inputs * width * height), noise(outputs * width * height));
+        let planes = Planes::new(width, height, 1);
+        let op = Same { inputs, outputs, planes, kernel: 3, activation: Activation::Relu };
+        let (image, slopes_out) = (noise(inputs * planes.plane()), noise(outputs * planes.plane()));
         let (weights, bias) = (noise(inputs * outputs * 9), noise(outputs));
-        let (mut scratch, mut out) = (ConvolutionScratch::default(), slope.clone());
+        let (mut scratch, mut out) = (LayerScratch::default(), slopes_out.clone());
         let mut slopes = [image.clone(), weights.clone(), bias.clone()];
         let mut group = c.benchmark_group("same");
         group.throughput(Throughput::Elements((inputs * outputs * 9 * width * height) as u64));
@@ -40,9 +41,12 @@ fn same(c: &mut Criterion) {
             group.bench_function(BenchmarkId::new(format!("backward-{}", level.name()), &name), |b| {
                 b.iter(|| {
                     let [image_slope, weights_slope, bias_slope] = &mut slopes;
-                    let mut gradients =
-                        Gradients { image: Some(image_slope), weights: Some(weights_slope), bias: Some(bias_slope) };
-                    op.backward(level, black_box(&image), &packed, &out, &slope, &mut gradients, &mut scratch);
+                    let mut gradients = Gradients {
+                        image: Some(ImageGradient { planes: image_slope, add: false }),
+                        weights: Some(weights_slope),
+                        bias: Some(bias_slope),
+                    };
+                    op.backward(level, black_box(&image), &packed, &slopes_out, &mut gradients, &mut scratch);
                 });
             });
         }
@@ -51,10 +55,11 @@ fn same(c: &mut Criterion) {
 
 fn double(c: &mut Criterion) {
     for (inputs, outputs, width, height) in [(128, 96, 10, 3), (64, 32, 40, 12), (16, 8, 160, 48)] {
-        let op = Double { inputs, outputs, width, height, activation: Activation::Relu };
-        let (image, slope) = (noise(inputs * width * height), noise(outputs * width * height * 4));
+        let planes = Planes::new(width, height, 1);
+        let op = Double { inputs, outputs, image: planes, activation: Activation::Relu };
+        let (image, slopes_out) = (noise(inputs * planes.plane()), noise(outputs * op.output().plane()));
         let (weights, bias) = (noise(inputs * outputs * 16), noise(outputs));
-        let (mut scratch, mut out) = (ConvolutionScratch::default(), slope.clone());
+        let (mut scratch, mut out) = (LayerScratch::default(), slopes_out.clone());
         let mut slopes = [image.clone(), weights.clone(), bias.clone()];
         let mut group = c.benchmark_group("double");
         group.throughput(Throughput::Elements((inputs * outputs * 16 * width * height) as u64));
@@ -67,9 +72,12 @@ fn double(c: &mut Criterion) {
         group.bench_function(BenchmarkId::new("backward", &name), |b| {
             b.iter(|| {
                 let [image_slope, weights_slope, bias_slope] = &mut slopes;
-                let mut gradients =
-                    Gradients { image: Some(image_slope), weights: Some(weights_slope), bias: Some(bias_slope) };
-                op.backward(level, black_box(&image), &packed, &out, &slope, &mut gradients, &mut scratch);
+                let mut gradients = Gradients {
+                    image: Some(ImageGradient { planes: image_slope, add: false }),
+                    weights: Some(weights_slope),
+                    bias: Some(bias_slope),
+                };
+                op.backward(level, black_box(&image), &packed, &slopes_out, &mut gradients, &mut scratch);
             });
         });
     }

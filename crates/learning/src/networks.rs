@@ -1,13 +1,12 @@
 //! Networks, one file each, described once for training, for counting parameters and for ONNX.
 //!
 //! A network is a function from a [`Builder`]'s image to its map. What a builder makes of a layer differs: [`layout`]
-//! lists parameters, [`forward`](forward()) computes, [`export`](export()) writes ONNX.
+//! lists parameters, [`compute`](crate::compute) computes, [`export`](export()) writes ONNX.
 
 mod eigen_coarse;
 mod export;
 mod fcn_lite;
 mod fcn_vgg16;
-mod forward;
 mod fusion_unet;
 mod layout;
 mod unet_lite;
@@ -17,9 +16,8 @@ use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 pub(crate) use export::export;
-pub(crate) use forward::forward;
 pub(crate) use fusion_unet::FusionUnet;
-pub(crate) use layout::{ParameterLayout, layout};
+pub(crate) use layout::{Parameter, ParameterLayout, layout};
 
 pub(crate) use crate::onnx::Meaning;
 
@@ -188,7 +186,7 @@ impl Conv {
     }
 
     /// Whether it is of stride 1 and keeps the size.
-    const fn keeps_size(&self) -> bool {
+    pub(crate) const fn keeps_size(&self) -> bool {
         self.stride == 1 && self.kernel == 2 * self.pad + 1
     }
 }

@@ -1,15 +1,18 @@
 //! Training: steps of Adam over a network's parameters, with checkpoints, for any objective.
 
+mod adam;
 mod checkpoint;
 mod run;
 mod steps;
 
-use burn::tensor::Tensor;
 use depthloom_graphs::Fault;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
-pub(crate) use run::{LIBRARY, check_curve, check_patience, learn, on_threads};
+use crate::compute::Input;
+use crate::networks::Architecture;
+
+pub(crate) use run::{check_curve, check_patience, learn, on_threads};
 
 /// How the learning rate changes after its first value.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
@@ -38,14 +41,6 @@ pub(crate) struct Settings {
     pub(crate) checkpoint_every: u64,
 }
 
-/// Planes of a batch, as a network sees them.
-#[derive(Clone, Debug, Default)]
-pub(crate) struct Input {
-    pub(crate) values: Vec<f32>,
-    /// Batch, planes, rows, columns.
-    pub(crate) shape: [usize; 4],
-}
-
 /// The gradient of a loss by a network's maps, and what the loss measured.
 #[derive(Clone, Debug, Default)]
 pub(crate) struct Slopes {
@@ -64,13 +59,13 @@ pub(crate) trait Objective {
     /// training continues with the same.
     fn batch(&self, step: u64) -> (Input, Self::Batch);
 
-    /// The network's maps of `input`.
-    fn forward(&self, input: &Tensor<4>, parameters: &[Tensor<1>]) -> Tensor<4>;
+    /// The network.
+    fn network(&self) -> impl Architecture;
 
     fn slopes(&self, map: &[f32], batch: &Self::Batch) -> Slopes;
 
     /// The error on validation samples, if there are any; `maps` computes the network's maps.
-    fn validation(&self, maps: &dyn Fn(Input) -> Vec<f32>) -> Option<f64>;
+    fn validation(&self, maps: &mut dyn FnMut(Input) -> Vec<f32>) -> Option<f64>;
 }
 
 /// The remedy of a training that has diverged.

@@ -223,7 +223,7 @@ fn first_build(measured: &Json) -> String {
 fn build_time(measured: &Json) -> String {
     let build = &measured["build"];
     format!(
-        "The first build takes about {} minutes on {} and up to {} GB of disk for the folder `target/`, because it\ncompiles polars, burn and tract.\n",
+        "The first build takes about {} minutes on {} and up to {} GB of disk for the folder `target/`, because it\ncompiles polars and tract.\n",
         build["minutes"],
         text(&build["machine"]),
         build["gigabytes"]

@@ -7,9 +7,9 @@ use rayon::prelude::*;
 use super::blocks;
 use super::loss::Seen;
 use super::params::FusionParams;
+use crate::compute::Input;
 use crate::networks::Size;
 use crate::samples::{SampleView, SamplesView};
-use crate::training::Input;
 
 /// Columns and rows of the grid that distorts the monocular estimate.
 const GRID: (usize, usize) = (5, 3);

@@ -9,9 +9,10 @@ use depthloom_graphs::{AggregateNode, Context, Fault, Inputs, Instance, Key, Nod
 use super::batch::window;
 use super::objective::Fusion;
 use super::params::FusionParams;
+use crate::compute::ARITHMETIC;
 use crate::networks::{FusionUnet, Size, export, layout};
 use crate::samples::{CollectFusionSamples, FusionSamplesParams, SamplesView};
-use crate::training::{self, LIBRARY, check_curve, check_patience, on_threads};
+use crate::training::{self, check_curve, check_patience, on_threads};
 
 /// Raised whenever equal samples and parameters give another network.
 const VERSION: u32 = 1;
@@ -77,8 +78,7 @@ The network is an ONNX file (opset 13): input `planes`, Nx8xHxW; output `fusion`
     }
 
     fn fingerprint(_params: &FusionParams) -> Result<Option<Key>, Fault> {
-        let device = if cfg!(feature = "gpu") { "gpu" } else { "cpu" };
-        Ok(Some(Key::build("learning").text(LIBRARY).text(device).finish()))
+        Ok(Some(Key::build("learning").text(ARITHMETIC).finish()))
     }
 
     fn build(params: FusionParams) -> Result<Instance, Fault> {

@@ -1,15 +1,15 @@
 //! The objective of `learn/fusion`.
 
-use burn::tensor::Tensor;
 use depthloom_kernels::learned::MAPS;
 use rayon::prelude::*;
 
 use super::batch;
 use super::loss::{Seen, Sums, add};
 use super::params::FusionParams;
-use crate::networks::{FusionUnet, Size, forward};
+use crate::compute::Input;
+use crate::networks::{Architecture, FusionUnet, Size};
 use crate::samples::SamplesView;
-use crate::training::{Input, Objective, Settings, Slopes};
+use crate::training::{Objective, Settings, Slopes};
 
 pub(super) struct Fusion<'a> {
     pub(super) params: &'a FusionParams,
@@ -51,8 +51,8 @@ impl Objective for Fusion<'_> {
         batch::augmented(self.params, self.samples, step)
     }
 
-    fn forward(&self, input: &Tensor<4>, parameters: &[Tensor<1>]) -> Tensor<4> {
-        forward(FusionUnet, input, parameters)
+    fn network(&self) -> impl Architecture {
+        FusionUnet
     }
 
     fn slopes(&self, map: &[f32], seen: &Vec<Seen>) -> Slopes {
@@ -63,7 +63,7 @@ impl Objective for Fusion<'_> {
     }
 
     /// The mean loss where stereo does not show the target.
-    fn validation(&self, maps: &dyn Fn(Input) -> Vec<f32>) -> Option<f64> {
+    fn validation(&self, maps: &mut dyn FnMut(Input) -> Vec<f32>) -> Option<f64> {
         let samples = self.validation?;
         let (mut sum, mut count) = (0.0, 0);
         for index in 0..samples.len() {

@@ -3,7 +3,6 @@
 use std::path::PathBuf;
 use std::sync::atomic::{AtomicU64, Ordering};
 
-use burn::tensor::{Device, Tensor, TensorData};
 use depthloom_graphs::values::{Artifact, Curve};
 use depthloom_graphs::{Context, Fault, Host, Inputs, Instance, Node, Scratch, Value};
 use depthloom_kernels::learned::{BLOCK, Cell, MAPS, Opinion, block_means, ln};
@@ -14,7 +13,8 @@ use serde_json::{Value as Json, json};
 use super::TrainFusion;
 use super::batch::hidden;
 use super::params::FusionParams;
-use crate::networks::{FusionUnet, Size, forward, layout};
+use crate::compute::{Engine, Input};
+use crate::networks::{FusionUnet, Size, layout};
 use crate::onnx::weights::decode_weights;
 use crate::samples::{Sample, Samples, SamplesView, cell_bytes};
 
@@ -131,20 +131,20 @@ fn it_learns_to_prefer_the_monocular_estimate_where_stereo_is_wrong() {
     let size = Size { width: WIDTH, height: HEIGHT };
     let layout = layout(FusionUnet, size);
     let weights = decode_weights(std::path::Path::new("fusion.onnx"), &model).expect("an ONNX file");
-    let parameters: Vec<Tensor<1>> = layout
+    let parameters: Vec<Vec<f32>> = layout
         .parameters
         .iter()
         .map(|parameter| {
             let weights = weights.iter().find(|weights| weights.name == parameter.name).expect("it is written");
-            Tensor::from_data(TensorData::new(weights.values.clone(), [parameter.len()]), &Device::flex())
+            weights.values.clone()
         })
         .collect();
     let sample = &other.items[0];
     let cells: Vec<Cell> = (0..WIDTH * HEIGHT).map(|at| sample.cell(at)).collect();
     let mut planes: Vec<f32> = sample.image.iter().map(|&value| f32::from(value) / 255.0).collect();
     (0..5).for_each(|plane| planes.extend(cells.iter().map(|cell| cell.planes()[plane])));
-    let planes = Tensor::from_data(TensorData::new(planes, [1, 8, HEIGHT, WIDTH]), &Device::flex());
-    let maps: Vec<f32> = forward(FusionUnet, &planes, &parameters).into_data().try_into_vec().expect("f32");
+    let planes = Input { values: planes, shape: [1, 8, HEIGHT, WIDTH] };
+    let maps = Engine::new(FusionUnet, &layout).maps(&planes, &parameters);
     assert_eq!(maps.len(), MAPS * WIDTH * HEIGHT);
     let (residuals, ..) = block_means(&maps[cells.len()..2 * cells.len()], WIDTH, HEIGHT);
     let (mut wrong, mut right) = ((0.0, 0.0), (0.0, 0.0));

@@ -10,10 +10,11 @@ use super::fits::Form;
 use super::objective::SelfSupervision;
 use super::params::SslParams;
 use super::weights;
+use crate::compute::ARITHMETIC;
 use crate::networks::{Network, ParameterLayout, export, layout};
 use crate::onnx::weights::NamedTensor;
 use crate::samples::SamplesView;
-use crate::training::{self, LIBRARY, check_curve, check_patience, on_threads};
+use crate::training::{self, check_curve, check_patience, on_threads};
 
 /// Raised whenever equal samples and parameters give another network.
 const VERSION: u32 = 2;
@@ -75,9 +76,8 @@ steps, the state is stored beside the run; if a run was killed or interrupted, r
         params.check_upstream(upstream)
     }
 
-    fn fingerprint(params: &SslParams) -> Result<Option<Key>, Fault> {
-        let device = if cfg!(feature = "gpu") { "gpu" } else { "cpu" };
-        Ok(Some(Key::build("learning").text(LIBRARY).text(device).text(arithmetic(params.network)).finish()))
+    fn fingerprint(_params: &SslParams) -> Result<Option<Key>, Fault> {
+        Ok(Some(Key::build("learning").text(ARITHMETIC).finish()))
     }
 
     fn build(params: SslParams) -> Result<Instance, Fault> {
@@ -115,19 +115,5 @@ impl Ssl {
             weights::fill(layout, weights, file.path(), &mut values)?;
         }
         Ok(values)
-    }
-}
-
-/// What of the machine decides a network's arithmetic. Convolutions of our own give the same bits everywhere; the
-/// matrix products of dense layers and of convolutions that shrink are the library's, which adds in an order of its own
-/// for each set of instructions.
-fn arithmetic(network: Network) -> &'static str {
-    match network {
-        Network::UnetLite | Network::UnetTiny | Network::FcnLite | Network::FcnVgg16 => "",
-        #[cfg(target_arch = "x86_64")]
-        Network::EigenCoarse if std::arch::is_x86_feature_detected!("avx512f") => "avx512f",
-        #[cfg(target_arch = "x86_64")]
-        Network::EigenCoarse if std::arch::is_x86_feature_detected!("fma") => "fma",
-        Network::EigenCoarse => std::env::consts::ARCH,
     }
 }

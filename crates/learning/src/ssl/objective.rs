@@ -3,15 +3,14 @@
 use std::borrow::Cow;
 use std::ops::Range;
 
-use burn::tensor::Tensor;
-
 use super::batch::Batch;
 use super::loss::{MaskedError, Penalty};
 use super::params::SslParams;
 use super::photometric::Photometric;
-use crate::networks::{Size, forward};
+use crate::compute::Input;
+use crate::networks::{Architecture, Size};
 use crate::samples::SamplesView;
-use crate::training::{Input, Objective, Settings, Slopes};
+use crate::training::{Objective, Settings, Slopes};
 
 pub(super) struct SelfSupervision<'a> {
     params: &'a SslParams,
@@ -57,7 +56,7 @@ impl<'a> SelfSupervision<'a> {
     }
 
     /// Mean absolute error on samples as they are: how far the network is from stereo there.
-    fn error_on(&self, samples: &SamplesView<'_>, maps: &dyn Fn(Input) -> Vec<f32>) -> f64 {
+    fn error_on(&self, samples: &SamplesView<'_>, maps: &mut dyn FnMut(Input) -> Vec<f32>) -> f64 {
         let (error, size) = (self.masked_error(), self.size());
         let (mut sum, mut count) = (0.0, 0);
         for start in (0..samples.len()).step_by(self.params.batch as usize) {
@@ -88,8 +87,8 @@ impl Objective for SelfSupervision<'_> {
         (self.input(&batch), batch)
     }
 
-    fn forward(&self, input: &Tensor<4>, parameters: &[Tensor<1>]) -> Tensor<4> {
-        forward(self.params.architecture(), input, parameters)
+    fn network(&self) -> impl Architecture {
+        self.params.architecture()
     }
 
     /// The gradient of the loss by the maps; sum and number of absolute errors.
@@ -137,7 +136,7 @@ impl Objective for SelfSupervision<'_> {
         Slopes { by_map: slopes, measured: (sum, count) }
     }
 
-    fn validation(&self, maps: &dyn Fn(Input) -> Vec<f32>) -> Option<f64> {
+    fn validation(&self, maps: &mut dyn FnMut(Input) -> Vec<f32>) -> Option<f64> {
         self.validation.map(|samples| self.error_on(samples, maps))
     }
 }

@@ -1,11 +1,10 @@
 //! The training itself: steps of an optimiser over a network's parameters.
 
-use burn::optim::{Adam, AdamConfig, AdamState, AdaptiveMomentumState, Optimizer};
-use burn::tensor::{Device, Tensor, TensorData};
 use depthloom_graphs::values::CurvePoint;
 
-use super::{Input, Objective, Schedule, Settings, Slopes};
-use crate::networks::ParameterLayout;
+use super::{Objective, Schedule, Settings, Slopes, adam};
+use crate::compute::Engine;
+use crate::networks::{Architecture, ParameterLayout};
 
 #[derive(Clone, Debug, Default, PartialEq)]
 pub(super) struct State {
@@ -29,38 +28,20 @@ pub(super) struct Best {
     pub(crate) values: Vec<Vec<f32>>,
 }
 
-pub(super) struct Training<'a, O> {
+pub(super) struct Training<'a, O, A> {
     objective: &'a O,
     settings: Settings,
-    layout: &'a ParameterLayout,
-    device: Device,
-    adam: Adam,
-    values: Vec<Tensor<1>>,
-    moments: Vec<Option<AdamState<1>>>,
-    /// Without the tensors, which are above.
+    engine: Engine<'a, A>,
     state: State,
     has_diverged: bool,
 }
 
-impl<'a, O: Objective> Training<'a, O> {
-    pub(super) fn resume(objective: &'a O, layout: &'a ParameterLayout, mut state: State) -> Self {
-        let device = device();
-        let flat = |values: Vec<f32>| {
-            let count = values.len();
-            Tensor::<1>::from_data(TensorData::new(values, [count]), &device)
-        };
-        let values = std::mem::take(&mut state.values).into_iter().map(flat).collect();
-        let time = state.step as usize;
-        let momentum = |[first, second]: [Vec<f32>; 2]| {
-            (time > 0 && !first.is_empty())
-                .then(|| AdamState::new(AdaptiveMomentumState::new(time, flat(first), flat(second))))
-        };
-        let mut moments: Vec<_> = std::mem::take(&mut state.moments).into_iter().map(momentum).collect();
-        moments.resize_with(layout.parameters.len(), || None);
-        // Adam's own constants (Kingma, Ba 2015); burn's epsilon is a thousand times theirs.
-        let adam = AdamConfig::new().with_epsilon(1e-8).build();
-        let settings = objective.settings();
-        Self { objective, settings, layout, device, adam, values, moments, state, has_diverged: false }
+impl<'a, O: Objective, A: Architecture> Training<'a, O, A> {
+    /// `network` is the objective's.
+    pub(super) fn resume(objective: &'a O, network: A, layout: &'a ParameterLayout, mut state: State) -> Self {
+        state.moments.resize_with(layout.parameters.len(), Default::default);
+        let (engine, settings) = (Engine::new(network, layout), objective.settings());
+        Self { objective, settings, engine, state, has_diverged: false }
     }
 
     pub(super) const fn step(&self) -> u64 {
@@ -96,30 +77,19 @@ impl<'a, O: Objective> Training<'a, O> {
     pub(super) fn advance(&mut self) {
         let rate = self.learning_rate();
         let (input, batch) = self.objective.batch(self.state.step);
-        let tracked: Vec<Tensor<1>> = self
-            .values
-            .iter()
-            .zip(&self.layout.parameters)
-            .map(|(value, parameter)| {
-                let value = value.clone().autodiff();
-                if parameter.frozen { value } else { value.require_grad() }
-            })
-            .collect();
-        let map = self.objective.forward(&tensor(input, &self.device.clone().autodiff()), &tracked);
-        let Slopes { by_map: slopes, measured: (sum, count) } = self.objective.slopes(&host(&map), &batch);
+        let slopes = |maps: &[f32]| {
+            let Slopes { by_map, measured } = self.objective.slopes(maps, &batch);
+            (by_map, measured)
+        };
+        let (gradients, (sum, count)) = self.engine.gradients(&input, &self.state.values, slopes);
         self.has_diverged |= !sum.is_finite();
         self.state.since_point.0 += sum;
         self.state.since_point.1 += count;
-        // The gradient of `map . slopes` by the map is `slopes`: so any loss computed beside the library goes back
-        // through it.
-        let slopes = Tensor::<4>::from_data(TensorData::new(slopes, map.dims()), &map.device());
-        let gradients = (map * slopes).sum().backward();
-        for (index, tracked) in tracked.iter().enumerate() {
-            let Some(gradient) = tracked.grad(&gradients) else { continue };
-            let (value, moments) =
-                self.adam.step(rate, self.values[index].clone(), gradient, self.moments[index].take());
-            self.values[index] = value;
-            self.moments[index] = moments;
+        let parameters = self.state.values.iter_mut().zip(&mut self.state.moments);
+        for (gradient, (values, moments)) in gradients.iter().zip(parameters) {
+            if let Some(gradient) = gradient {
+                adam::step(rate, self.state.step + 1, values, gradient, moments);
+            }
         }
         self.state.step += 1;
         if self.state.step.is_multiple_of(self.settings.curve_every) || self.state.step == self.settings.steps {
@@ -129,15 +99,15 @@ impl<'a, O: Objective> Training<'a, O> {
 
     fn point(&mut self, learning_rate: f64) {
         let (sum, count) = std::mem::take(&mut self.state.since_point);
-        let maps = |input| host(&self.objective.forward(&tensor(input, &self.device), &self.values));
-        let validation = self.objective.validation(&maps);
+        let (engine, values) = (&mut self.engine, &self.state.values);
+        let validation = self.objective.validation(&mut |input| engine.maps(&input, values));
         // A window may have shown no target since the last point: then nothing was measured, and zero would be a lie.
         let (step, loss) = (self.state.step, if count > 0 { sum / count as f64 } else { f64::NAN });
         self.state.points.push(CurvePoint { step, loss, validation, learning_rate });
         if let Some(error) = validation
             && self.state.best.as_ref().is_none_or(|best| error < best.error)
         {
-            self.state.best = Some(Best { step, error, values: self.host_values() });
+            self.state.best = Some(Best { step, error, values: self.state.values.clone() });
         }
     }
 
@@ -149,36 +119,12 @@ impl<'a, O: Objective> Training<'a, O> {
         }
     }
 
-    fn host_values(&self) -> Vec<Vec<f32>> {
-        self.values.iter().map(host).collect()
-    }
-
-    pub(super) fn state(&self) -> State {
-        let moments = self.moments.iter().map(|state| {
-            state
-                .as_ref()
-                .map_or_else(Default::default, |state| [host(&state.momentum.moment_1), host(&state.momentum.moment_2)])
-        });
-        State { values: self.host_values(), moments: moments.collect(), ..self.state.clone() }
+    pub(super) const fn state(&self) -> &State {
+        &self.state
     }
 
     /// The learned parameters: the best ones where there was validation, else the last.
     pub(super) fn learned(&self) -> Vec<Vec<f32>> {
-        self.state.best.as_ref().map_or_else(|| self.host_values(), |best| best.values.clone())
+        self.state.best.as_ref().map_or(&self.state.values, |best| &best.values).clone()
     }
-}
-
-fn device() -> Device {
-    #[cfg(feature = "gpu")]
-    return Device::wgpu(burn::tensor::DeviceKind::default());
-    #[cfg(not(feature = "gpu"))]
-    Device::flex()
-}
-
-fn tensor(Input { values, shape }: Input, device: &Device) -> Tensor<4> {
-    Tensor::from_data(TensorData::new(values, shape), device)
-}
-
-fn host<const D: usize>(tensor: &Tensor<D>) -> Vec<f32> {
-    tensor.to_data().try_into_vec().expect("networks learn in f32")
 }

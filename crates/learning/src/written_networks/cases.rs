@@ -4,9 +4,9 @@ use burn::tensor::ops::{ConvOptions, ConvTransposeOptions, MaxPoolOptions};
 use burn::tensor::{Device, Tensor, TensorData, activation, module};
 use depthloom_random::SplitMix64;
 
-use crate::networks::{
-    Architecture, FusionUnet, Interface, Monocular, Network, NetworkOutput, Size, export, forward, layout,
-};
+use crate::compute::Input;
+use crate::compute::library::Engine;
+use crate::networks::{Architecture, FusionUnet, Interface, Monocular, Network, NetworkOutput, Size, export, layout};
 use crate::onnx::{GraphBuilder, Metadata, Weights};
 
 const BATCH: usize = 2;
@@ -55,16 +55,21 @@ fn image(planes: usize, size: Size) -> Numbers {
 /// Weights of a start let little through to the end: `enlarged` (He, Zhang, Ren, Sun 2015), the map has all of its
 /// values.
 fn of_network(network: impl Architecture, size: Size, enlarged: f32) -> Case {
-    let mut parameters = layout(network, size).start(7);
+    let layout = layout(network, size);
+    let mut parameters = layout.start(7);
     parameters.iter_mut().step_by(2).flatten().for_each(|weight| *weight *= enlarged);
     let file = export(network, size, &parameters, "a test");
     let Interface { planes, outputs, .. } = network.interface();
     let NetworkOutput { name: output, scale } = outputs[0];
     let input = image(planes, size);
-    let tensors: Vec<Tensor<1>> = parameters.iter().map(|values| tensor(values, [values.len()])).collect();
-    let map = forward(network, &tensor(&input.values, [BATCH, planes, size.height, size.width]), &tensors);
+    let shape = [BATCH, planes, size.height, size.width];
+    let images = Input { values: input.values.clone(), shape };
+    let maps = Engine::on(Device::flex(), network, &layout).maps(&images, &parameters);
+    let Size { width, height } = layout.map;
+    let shape = vec![BATCH, maps.len() / (BATCH * width * height), height, width];
+    let output_numbers = Numbers { shape, values: maps.into_iter().map(|value| value * scale).collect() };
     let (name, output_name) = (network.name(), output.replace('-', "_"));
-    Case { name, file, input, output: numbers(map * scale), output_name, range: scale }
+    Case { name, file, input, output: output_numbers, output_name, range: scale }
 }
 
 /// A network with two outputs, the first of them in the case.

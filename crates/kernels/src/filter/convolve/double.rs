@@ -2,7 +2,7 @@
 
 use super::planes::Planes;
 use super::product::{Dots, Product, pack};
-use super::{Activation, Convolution, ConvolutionScratch, Gradients};
+use super::{Activation, Gradients, Layer, LayerScratch, room};
 use crate::simd::Level;
 
 const KERNEL: usize = 4;
@@ -24,10 +24,8 @@ pub struct Double {
     pub inputs: usize,
     /// Channels out.
     pub outputs: usize,
-    /// Columns of the image that comes in.
-    pub width: usize,
-    /// Rows of the image that comes in.
-    pub height: usize,
+    /// Of the image that comes in.
+    pub image: Planes,
     /// What follows the sum.
     pub activation: Activation,
 }
@@ -37,41 +35,63 @@ pub struct Double {
 pub struct DoubleWeights {
     /// By parity of row and column.
     forward: [Vec<f32>; 4],
+    /// Where their taps lie.
+    taps: [Vec<usize>; 4],
     backward: Vec<f32>,
+    /// Where the taps of the slopes lie, which are four planes, one a parity, of each channel.
+    slope_taps: Vec<usize>,
 }
 
 impl Double {
-    const fn planes(&self) -> Planes {
-        Planes::new(self.width, self.height, 1)
+    /// The output's planes.
+    #[must_use]
+    pub const fn output(&self) -> Planes {
+        self.image.resized(self.image.width() * 2, self.image.height() * 2)
     }
 
-    const fn area(&self) -> usize {
-        self.width * self.height
+    /// The slopes of even and odd rows and columns, a plane each.
+    fn apart<'a>(&self, slopes: &[f32], memory: &'a mut Vec<f32>) -> &'a [f32] {
+        let (planes, output) = (self.image, self.output());
+        let apart = room(memory, 4 * self.outputs * planes.plane());
+        apart.fill(0.0);
+        for channel in 0..self.outputs {
+            for parity in 0..4 {
+                let from = output.rows(slopes, channel).skip(parity / 2).step_by(2);
+                for (to, from) in planes.rows_mut(apart, parity * self.outputs + channel).zip(from) {
+                    for (to, pair) in to.iter_mut().zip(from.as_chunks::<2>().0) {
+                        *to = pair[parity % 2];
+                    }
+                }
+            }
+        }
+        apart
     }
 }
 
-impl Convolution for Double {
+impl Layer for Double {
     type Weights = DoubleWeights;
-
-    fn new([inputs, height, width]: [usize; 3], [_, outputs, _, _]: [usize; 4], activation: Activation) -> Self {
-        Self { inputs, outputs, width, height, activation }
-    }
-
-    fn output(&self) -> [usize; 3] {
-        [self.outputs, self.height * 2, self.width * 2]
-    }
 
     fn weights(&self, level: Level, weights: &[f32], backward: bool) -> DoubleWeights {
         assert_eq!(weights.len(), self.inputs * self.outputs * TAPS);
+        let shift = self.image.pad() - 1;
         let at = |input: usize, output: usize, tap: usize| weights[(input * self.outputs + output) * TAPS + tap];
         let mut packed = DoubleWeights::default();
-        for (parity, forward) in packed.forward.iter_mut().enumerate() {
+        for (parity, (forward, taps)) in packed.forward.iter_mut().zip(&mut packed.taps).enumerate() {
             let weight = |m: usize, k: usize| {
                 let ((down, _), (right, _)) = reach(parity, k % 4);
                 at(k / 4, m, down * KERNEL + right)
             };
             pack(level, self.outputs, self.inputs * 4, weight, forward);
+            taps.extend((0..self.inputs * 4).map(|k| {
+                let ((_, down), (_, right)) = reach(parity, k % 4);
+                self.image.tap(k / 4, down + shift, right + shift)
+            }));
         }
+        packed.slope_taps.extend((0..self.outputs * TAPS).map(|k| {
+            let (output, tap) = (k / TAPS, k % TAPS);
+            let ((parity_row, down), (parity_column, right)) = (ORIGIN[tap / KERNEL], ORIGIN[tap % KERNEL]);
+            self.image.tap((parity_row * 2 + parity_column) * self.outputs + output, down + shift, right + shift)
+        }));
         if backward {
             let weight = |m: usize, k: usize| at(m, k / TAPS, k % TAPS);
             pack(level, self.inputs, self.outputs * TAPS, weight, &mut packed.backward);
@@ -86,45 +106,33 @@ impl Convolution for Double {
         weights: &DoubleWeights,
         bias: &[f32],
         out: &mut [f32],
-        scratch: &mut ConvolutionScratch,
+        scratch: &mut LayerScratch,
     ) {
-        let (planes, columns) = (self.planes(), self.planes().columns());
-        assert_eq!(image.len(), self.inputs * self.area());
-        assert_eq!(out.len(), self.outputs * self.area() * 4);
-        planes.spread(image, &mut scratch.source);
-        scratch.room(2 * self.outputs * columns);
+        let (planes, columns, output) = (self.image, self.image.columns(), self.output());
+        assert_eq!(image.len(), self.inputs * planes.plane());
+        assert_eq!(out.len(), self.outputs * output.plane());
+        let sums = room(&mut scratch.sums, 2 * self.outputs * columns);
         for parity_row in 0..2 {
-            let (even, odd) = scratch.sums.split_at_mut(self.outputs * columns);
+            let (even, odd) = sums.split_at_mut(self.outputs * columns);
             for (parity_column, sums) in [even, odd].into_iter().enumerate() {
                 let parity = parity_row * 2 + parity_column;
-                let tap = |k: usize| {
-                    let ((_, down), (_, right)) = reach(parity, k % 4);
-                    planes.tap(k / 4, down, right)
-                };
-                scratch.offsets.clear();
-                scratch.offsets.extend((0..self.inputs * 4).map(tap));
                 level.run_lanes(Product {
                     weights: &weights.forward[parity],
-                    offsets: &scratch.offsets,
-                    source: &scratch.source,
+                    offsets: &weights.taps[parity],
+                    source: image,
                     out: sums,
                     stride: columns,
                     rows: self.outputs,
                     columns,
+                    finish: self.activation.finish(bias),
                 });
             }
-            for (channel, out) in out.chunks_exact_mut(self.area() * 4).enumerate() {
-                let bias = bias.get(channel).copied().unwrap_or(0.0);
-                let rows = out.chunks_exact_mut(self.width * 2).skip(parity_row).step_by(2);
-                for (y, row) in rows.enumerate() {
+            for channel in 0..self.outputs {
+                for (y, row) in output.rows_mut(out, channel).skip(parity_row).step_by(2).enumerate() {
                     let at = channel * columns + y * planes.row();
-                    let pairs = even_and_odd(&scratch.sums, at, self.outputs * columns + at, self.width);
+                    let pairs = even_and_odd(sums, at, self.outputs * columns + at, planes.width());
                     for (out, (even, odd)) in row.as_chunks_mut::<2>().0.iter_mut().zip(pairs) {
-                        let sums = [even + bias, odd + bias];
-                        *out = match self.activation {
-                            Activation::None => sums,
-                            Activation::Relu => sums.map(|sum| sum.max(0.0)),
-                        };
+                        *out = [even, odd];
                     }
                 }
             }
@@ -136,61 +144,43 @@ impl Convolution for Double {
         level: Level,
         image: &[f32],
         weights: &DoubleWeights,
-        out: &[f32],
-        slope: &[f32],
+        slopes: &[f32],
         gradients: &mut Gradients<'_>,
-        scratch: &mut ConvolutionScratch,
+        scratch: &mut LayerScratch,
     ) {
-        let (planes, area) = (self.planes(), self.area());
-        assert_eq!(slope.len(), self.outputs * area * 4);
-        planes.reserve(&mut scratch.slopes, 4 * self.outputs);
-        scratch.room(self.width * 2);
-        for channel in 0..self.outputs {
-            for parity in 0..4 {
-                let plane = parity * self.outputs + channel;
-                planes.fill(&mut scratch.slopes, plane, |y, to| {
-                    let from = channel * area * 4 + (2 * y + parity / 2) * self.width * 2;
-                    let line = &mut scratch.sums[..self.width * 2];
-                    self.activation.slope(&out[from..][..self.width * 2], &slope[from..][..self.width * 2], line);
-                    for (to, pair) in to.iter_mut().zip(line.as_chunks::<2>().0) {
-                        *to = pair[parity % 2];
-                    }
-                });
-            }
-        }
+        let planes = self.image;
+        assert_eq!(slopes.len(), self.outputs * self.output().plane());
+        let slopes = self.apart(slopes, &mut scratch.planes);
         if let Some(bias) = gradients.bias.as_deref_mut() {
             for (channel, bias) in bias.iter_mut().enumerate() {
-                let sum = |parity| {
-                    super::sum(&scratch.slopes[planes.origin(parity * self.outputs + channel)..][..planes.columns()])
-                };
+                let sum =
+                    |parity| super::sum(&slopes[planes.origin(parity * self.outputs + channel)..][..planes.columns()]);
                 *bias = (sum(0) + sum(1)) + (sum(2) + sum(3));
             }
         }
-        if gradients.weights.is_none() && gradients.image.is_none() {
-            return;
-        }
-        let tap = |k: usize| {
-            let (output, tap) = (k / TAPS, k % TAPS);
-            let ((parity_row, down), (parity_column, right)) = (ORIGIN[tap / KERNEL], ORIGIN[tap % KERNEL]);
-            planes.tap((parity_row * 2 + parity_column) * self.outputs + output, down, right)
-        };
-        scratch.offsets.clear();
-        scratch.offsets.extend((0..self.outputs * TAPS).map(tap));
         if let Some(gradient) = gradients.weights.as_deref_mut() {
-            planes.spread(image, &mut scratch.source);
             level.run_lanes(Dots {
-                left: &scratch.source,
+                left: image,
                 first: planes.origin(0),
                 stride: planes.plane(),
                 rows: self.inputs,
-                source: &scratch.slopes,
-                offsets: &scratch.offsets,
+                source: slopes,
+                offsets: &weights.slope_taps,
                 columns: planes.columns(),
                 out: gradient,
             });
         }
-        if let Some(gradient) = gradients.image.as_deref_mut() {
-            scratch.image_gradient(level, &planes, &weights.backward, self.inputs, gradient);
+        if let Some(gradient) = &mut gradients.image {
+            level.run_lanes(Product {
+                weights: &weights.backward,
+                offsets: &weights.slope_taps,
+                source: slopes,
+                finish: gradient.finish(),
+                out: &mut gradient.planes[planes.origin(0)..],
+                stride: planes.plane(),
+                rows: self.inputs,
+                columns: planes.columns(),
+            });
         }
     }
 }

@@ -2,18 +2,42 @@
 
 use crate::simd::LANES;
 
-/// The line layout of images of one size: every channel a plane, its rows separated by `pad` zeros, `pad` rows of zeros
+/// The layout of images of one size: every channel a plane, its rows separated by `pad` zeros, `pad` rows of zeros
 /// above and below. A step past a row's end reaches zeros that the next row begins after.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(super) struct Planes {
+pub struct Planes {
     width: usize,
     height: usize,
     pad: usize,
 }
 
 impl Planes {
-    pub(super) const fn new(width: usize, height: usize, pad: usize) -> Self {
+    /// Planes of `width` by `height` samples for layers that reach `pad` samples beyond the border.
+    #[must_use]
+    pub const fn new(width: usize, height: usize, pad: usize) -> Self {
         Self { width, height, pad }
+    }
+
+    /// Columns of the image.
+    #[must_use]
+    pub const fn width(&self) -> usize {
+        self.width
+    }
+
+    /// Rows of the image.
+    #[must_use]
+    pub const fn height(&self) -> usize {
+        self.height
+    }
+
+    /// The layout of images with other sides and the same zeros.
+    #[must_use]
+    pub const fn resized(&self, width: usize, height: usize) -> Self {
+        Self { width, height, pad: self.pad }
+    }
+
+    pub(super) const fn pad(&self) -> usize {
+        self.pad
     }
 
     /// Samples from a row's first sample to the next row's.
@@ -27,9 +51,17 @@ impl Planes {
         (self.height * self.row()).next_multiple_of(LANES)
     }
 
-    pub(super) const fn plane(&self) -> usize {
+    /// Samples of one plane in memory.
+    #[must_use]
+    pub const fn plane(&self) -> usize {
         // The zeros at the end are read by the last vectors of the lowest tap.
         (self.pad + (self.height + 2 * self.pad) * self.row() + self.pad + LANES).next_multiple_of(LANES)
+    }
+
+    /// Memory of `channels` planes, all zeros.
+    #[must_use]
+    pub fn zeros(&self, channels: usize) -> Vec<f32> {
+        vec![0.0; channels * self.plane()]
     }
 
     /// Where the sample left and above by `pad` of a plane's first sample is: the origin of taps.
@@ -42,42 +74,45 @@ impl Planes {
         self.tap(plane, self.pad, self.pad)
     }
 
-    pub(super) fn reserve(&self, planes: &mut Vec<f32>, count: usize) {
-        // What is left over of other sizes is overwritten plane by plane.
-        if planes.len() < count * self.plane() {
-            planes.resize(count * self.plane(), 0.0);
-        }
+    /// The rows of a plane, without the zeros between them.
+    pub(super) fn rows<'a>(&self, planes: &'a [f32], plane: usize) -> impl Iterator<Item = &'a [f32]> {
+        let width = self.width;
+        planes[self.origin(plane)..][..self.height * self.row()].chunks_exact(self.row()).map(move |row| &row[..width])
     }
 
-    /// Fills one plane: `row(y, out)` writes the samples of row `y`, everything between is zero.
-    pub(super) fn fill(&self, planes: &mut [f32], plane: usize, mut row: impl FnMut(usize, &mut [f32])) {
-        let plane = &mut planes[plane * self.plane()..][..self.plane()];
-        let first = self.pad * self.row() + self.pad;
-        plane[..first].fill(0.0);
-        let (rows, rest) = plane[first..].split_at_mut(self.height * self.row());
-        for (y, line) in rows.chunks_exact_mut(self.row()).enumerate() {
-            let (samples, gap) = line.split_at_mut(self.width);
-            row(y, samples);
-            gap.fill(0.0);
-        }
-        rest.fill(0.0);
+    /// As [`Planes::rows`], to write.
+    pub(super) fn rows_mut<'a>(&self, planes: &'a mut [f32], plane: usize) -> impl Iterator<Item = &'a mut [f32]> {
+        let (width, origin) = (self.width, self.origin(plane));
+        let rows = planes[origin..][..self.height * self.row()].chunks_exact_mut(self.row());
+        rows.map(move |row| &mut row[..width])
     }
 
-    pub(super) fn spread(&self, image: &[f32], planes: &mut Vec<f32>) {
-        let area = self.width * self.height;
-        self.reserve(planes, image.len() / area);
-        for (channel, image) in image.chunks_exact(area).enumerate() {
-            self.fill(planes, channel, |y, row| row.copy_from_slice(&image[y * self.width..][..self.width]));
-        }
-    }
-
-    /// Takes an image out of sums, whose channels are [`Planes::columns`] apart.
-    pub(super) fn collect(&self, sums: &[f32], image: &mut [f32]) {
-        for (channel, image) in image.chunks_exact_mut(self.width * self.height).enumerate() {
-            let sums = sums[channel * self.columns()..].chunks(self.row());
-            for (row, sums) in image.chunks_exact_mut(self.width).zip(sums) {
-                row.copy_from_slice(&sums[..self.width]);
+    /// Puts an image, channels x height x width, into planes, whose zeros are left alone.
+    pub fn spread(&self, image: &[f32], planes: &mut [f32]) {
+        for (channel, image) in image.chunks_exact(self.width * self.height).enumerate() {
+            for (to, from) in self.rows_mut(planes, channel).zip(image.chunks_exact(self.width)) {
+                to.copy_from_slice(from);
             }
+        }
+    }
+
+    /// Takes an image, channels x height x width, out of planes.
+    pub fn collect(&self, planes: &[f32], image: &mut [f32]) {
+        for (channel, image) in image.chunks_exact_mut(self.width * self.height).enumerate() {
+            for (to, from) in image.chunks_exact_mut(self.width).zip(self.rows(planes, channel)) {
+                to.copy_from_slice(from);
+            }
+        }
+    }
+
+    /// Makes zeros of what sums over whole lines have left between the rows and after the last.
+    pub(super) fn clear_gaps(&self, planes: &mut [f32]) {
+        for plane in planes.chunks_exact_mut(self.plane()) {
+            let line = &mut plane[self.origin(0)..];
+            for y in 0..self.height {
+                line[y * self.row() + self.width..][..self.pad].fill(0.0);
+            }
+            line[self.height * self.row()..self.columns()].fill(0.0);
         }
     }
 }

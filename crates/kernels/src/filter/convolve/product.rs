@@ -11,7 +11,20 @@ const SPAN: usize = 480;
 /// Samples whose products are summed in registers, before the sum is added to the total.
 const DOT_SPAN: usize = 1024;
 
-/// `out[m][p] = sum over k of weights[m][k] * source[offsets[k] + p]`, for `p < columns`.
+/// What becomes of a row's sums.
+#[derive(Clone, Copy)]
+pub(super) enum Finish<'a> {
+    /// They are written.
+    Set,
+    /// They are added to what is there.
+    Add,
+    /// The row's bias is added.
+    Bias(&'a [f32]),
+    /// The row's bias is added, and what is negative becomes zero.
+    BiasRelu(&'a [f32]),
+}
+
+/// `out[m][p] = sum over k of weights[m][k] * source[offsets[k] + p]`, for `p < columns`, finished.
 ///
 /// The sum runs over `k` in order, whatever the instruction set.
 pub(super) struct Product<'a> {
@@ -26,6 +39,7 @@ pub(super) struct Product<'a> {
     pub rows: usize,
     /// Output columns, a multiple of [`LANES`].
     pub columns: usize,
+    pub finish: Finish<'a>,
 }
 
 /// Heights of the tiles that `rows` rows are cut into, for tiles of at most `most` rows (a power of two).
@@ -68,6 +82,9 @@ impl LanesPass for Product<'_> {
         assert!(self.columns.is_multiple_of(LANES) && self.weights.len() == self.rows * depth);
         assert!(depth == 0 || farthest + self.columns <= self.source.len());
         assert!(self.rows == 0 || (self.rows - 1) * self.stride + self.columns <= self.out.len());
+        if let Finish::Bias(bias) | Finish::BiasRelu(bias) = self.finish {
+            assert!(bias.len() == self.rows);
+        }
         let (most, wide) = L::TILE;
         let mut span = 0;
         while span < self.columns {
@@ -76,6 +93,11 @@ impl LanesPass for Product<'_> {
                 let mut p = span;
                 while p < end {
                     let step = if end - p >= wide * LANES { wide } else { 1 };
+                    let finish = match self.finish {
+                        Finish::Bias(bias) => Finish::Bias(&bias[row..row + height]),
+                        Finish::BiasRelu(bias) => Finish::BiasRelu(&bias[row..row + height]),
+                        finish => finish,
+                    };
                     // SAFETY: weights of `height` rows begin at `row * depth` (they are ordered by tiles); `p` and the
                     // samples after it lie within `columns`, for which source and output were checked above.
                     unsafe {
@@ -83,14 +105,14 @@ impl LanesPass for Product<'_> {
                         let source = self.source.as_ptr().add(p);
                         let out = self.out.as_mut_ptr().add(row * self.stride + p);
                         match (height, step) {
-                            (8, 3) => tile::<L, 8, 3>(weights, self.offsets, source, out, self.stride),
-                            (8, _) => tile::<L, 8, 1>(weights, self.offsets, source, out, self.stride),
-                            (4, 3) => tile::<L, 4, 3>(weights, self.offsets, source, out, self.stride),
-                            (4, _) => tile::<L, 4, 1>(weights, self.offsets, source, out, self.stride),
-                            (2, 3) => tile::<L, 2, 3>(weights, self.offsets, source, out, self.stride),
-                            (2, _) => tile::<L, 2, 1>(weights, self.offsets, source, out, self.stride),
-                            (_, 3) => tile::<L, 1, 3>(weights, self.offsets, source, out, self.stride),
-                            (_, _) => tile::<L, 1, 1>(weights, self.offsets, source, out, self.stride),
+                            (8, 3) => tile::<L, 8, 3>(weights, self.offsets, source, out, self.stride, finish),
+                            (8, _) => tile::<L, 8, 1>(weights, self.offsets, source, out, self.stride, finish),
+                            (4, 3) => tile::<L, 4, 3>(weights, self.offsets, source, out, self.stride, finish),
+                            (4, _) => tile::<L, 4, 1>(weights, self.offsets, source, out, self.stride, finish),
+                            (2, 3) => tile::<L, 2, 3>(weights, self.offsets, source, out, self.stride, finish),
+                            (2, _) => tile::<L, 2, 1>(weights, self.offsets, source, out, self.stride, finish),
+                            (_, 3) => tile::<L, 1, 3>(weights, self.offsets, source, out, self.stride, finish),
+                            (_, _) => tile::<L, 1, 1>(weights, self.offsets, source, out, self.stride, finish),
                         }
                     }
                     p += step * LANES;
@@ -105,7 +127,7 @@ impl LanesPass for Product<'_> {
 ///
 /// # Safety
 /// `weights` has `R` floats for each offset; `source` can be read for `C * LANES` floats after each offset; `out` can
-/// be written for as many in each of `R` rows.
+/// be read and written for as many in each of `R` rows; `finish` has `R` biases.
 #[inline(always)]
 unsafe fn tile<L: Lanes, const R: usize, const C: usize>(
     weights: *const f32,
@@ -113,6 +135,7 @@ unsafe fn tile<L: Lanes, const R: usize, const C: usize>(
     source: *const f32,
     out: *mut f32,
     stride: usize,
+    finish: Finish<'_>,
 ) {
     let mut sums = [[L::splat(0.0); C]; R];
     for (k, &offset) in offsets.iter().enumerate() {
@@ -128,9 +151,18 @@ unsafe fn tile<L: Lanes, const R: usize, const C: usize>(
         }
     }
     for (r, row) in sums.into_iter().enumerate() {
-        for (c, sum) in row.into_iter().enumerate() {
+        for (c, mut sum) in row.into_iter().enumerate() {
             // SAFETY: the caller's promise.
-            unsafe { sum.store(out.add(r * stride + c * LANES)) };
+            unsafe {
+                let out = out.add(r * stride + c * LANES);
+                match finish {
+                    Finish::Set => {}
+                    Finish::Add => sum = sum.plus(L::load(out)),
+                    Finish::Bias(bias) => sum = sum.plus(L::splat(*bias.get_unchecked(r))),
+                    Finish::BiasRelu(bias) => sum = sum.plus(L::splat(*bias.get_unchecked(r))).positive(),
+                }
+                sum.store(out);
+            }
         }
     }
 }
@@ -242,9 +274,16 @@ unsafe fn dots<L: Lanes, const R: usize, const K: usize>(
         }
         p += LANES;
     }
-    for (r, row) in sums.into_iter().enumerate() {
-        for (k, sum) in row.into_iter().enumerate() {
-            out[r * depth + k] += sum.sum();
+    for k in 0..K {
+        if R == 4 {
+            let found = L::sums([sums[0][k], sums[1 % R][k], sums[2 % R][k], sums[3 % R][k]]);
+            for (r, sum) in found.into_iter().enumerate() {
+                out[r * depth + k] += sum;
+            }
+        } else {
+            for (r, sums) in sums.iter().enumerate() {
+                out[r * depth + k] += sums[k].sum();
+            }
         }
     }
 }

@@ -2,7 +2,7 @@
 
 use super::planes::Planes;
 use super::product::{Dots, Product, pack};
-use super::{Activation, Convolution, ConvolutionScratch, Gradients};
+use super::{Activation, Gradients, Layer, LayerScratch, bias_gradient};
 use crate::simd::Level;
 
 /// A convolution `out[o] = act(bias[o] + sum over i of weights[o][i] * in[i])` with zero padding that keeps the size:
@@ -13,10 +13,8 @@ pub struct Same {
     pub inputs: usize,
     /// Channels out.
     pub outputs: usize,
-    /// Columns of the image.
-    pub width: usize,
-    /// Rows of the image.
-    pub height: usize,
+    /// Of image and output; their zeros reach at least as far as the kernel.
+    pub planes: Planes,
     /// Rows and columns of the kernel, odd.
     pub kernel: usize,
     /// What follows the sum.
@@ -28,48 +26,35 @@ pub struct Same {
 pub struct SameWeights {
     forward: Vec<f32>,
     backward: Vec<f32>,
+    /// Where the taps of the image lie, and those of the slopes.
+    offsets: [Vec<usize>; 2],
 }
 
 impl Same {
-    const fn planes(&self) -> Planes {
-        Planes::new(self.width, self.height, self.kernel / 2)
-    }
-
     const fn taps(&self) -> usize {
         self.kernel * self.kernel
     }
 
-    const fn area(&self) -> usize {
-        self.width * self.height
-    }
-
-    fn offsets(&self, channels: usize, out: &mut Vec<usize>) {
-        let planes = self.planes();
+    fn offsets(&self, channels: usize) -> Vec<usize> {
+        let shift = self.planes.pad() - self.kernel / 2;
         let tap = |k: usize| {
             let (channel, tap) = (k / self.taps(), k % self.taps());
-            planes.tap(channel, tap / self.kernel, tap % self.kernel)
+            self.planes.tap(channel, tap / self.kernel + shift, tap % self.kernel + shift)
         };
-        out.clear();
-        out.extend((0..channels * self.taps()).map(tap));
+        (0..channels * self.taps()).map(tap).collect()
     }
 }
 
-impl Convolution for Same {
+impl Layer for Same {
     type Weights = SameWeights;
 
-    fn new([inputs, height, width]: [usize; 3], [outputs, _, kernel, _]: [usize; 4], activation: Activation) -> Self {
-        Self { inputs, outputs, width, height, kernel, activation }
-    }
-
-    fn output(&self) -> [usize; 3] {
-        [self.outputs, self.height, self.width]
-    }
-
     fn weights(&self, level: Level, weights: &[f32], backward: bool) -> SameWeights {
-        let (taps, mut packed) = (self.taps(), SameWeights::default());
-        assert!(self.kernel % 2 == 1, "an even kernel keeps no size");
+        let taps = self.taps();
+        assert!(self.kernel % 2 == 1 && self.kernel / 2 <= self.planes.pad(), "kernel {}", self.kernel);
         assert_eq!(weights.len(), self.outputs * self.inputs * taps);
         let depth = self.inputs * taps;
+        let offsets = [self.offsets(self.inputs), self.offsets(if backward { self.outputs } else { 0 })];
+        let mut packed = SameWeights { offsets, ..SameWeights::default() };
         pack(level, self.outputs, depth, |m, k| weights[m * depth + k], &mut packed.forward);
         if backward {
             // The gradient of a convolution is the convolution with the kernel turned round.
@@ -86,33 +71,22 @@ impl Convolution for Same {
         weights: &SameWeights,
         bias: &[f32],
         out: &mut [f32],
-        scratch: &mut ConvolutionScratch,
+        _scratch: &mut LayerScratch,
     ) {
-        let (planes, area) = (self.planes(), self.area());
-        assert_eq!(image.len(), self.inputs * area);
-        assert_eq!(out.len(), self.outputs * area);
-        planes.spread(image, &mut scratch.source);
-        self.offsets(self.inputs, &mut scratch.offsets);
-        scratch.room(self.outputs * planes.columns());
+        let planes = self.planes;
+        assert_eq!(image.len(), self.inputs * planes.plane());
+        assert_eq!(out.len(), self.outputs * planes.plane());
         level.run_lanes(Product {
             weights: &weights.forward,
-            offsets: &scratch.offsets,
-            source: &scratch.source,
-            out: &mut scratch.sums,
-            stride: planes.columns(),
+            offsets: &weights.offsets[0],
+            source: image,
+            out: &mut out[planes.origin(0)..],
+            stride: planes.plane(),
             rows: self.outputs,
             columns: planes.columns(),
+            finish: self.activation.finish(bias),
         });
-        for (channel, out) in out.chunks_exact_mut(area).enumerate() {
-            let bias = bias.get(channel).copied().unwrap_or(0.0);
-            let sums = &scratch.sums[channel * planes.columns()..];
-            for (row, sums) in out.chunks_exact_mut(self.width).zip(sums.chunks(planes.row())) {
-                match self.activation {
-                    Activation::None => row.iter_mut().zip(sums).for_each(|(out, sum)| *out = sum + bias),
-                    Activation::Relu => row.iter_mut().zip(sums).for_each(|(out, sum)| *out = (sum + bias).max(0.0)),
-                }
-            }
-        }
+        planes.clear_gaps(out);
     }
 
     fn backward(
@@ -120,43 +94,39 @@ impl Convolution for Same {
         level: Level,
         image: &[f32],
         weights: &SameWeights,
-        out: &[f32],
-        slope: &[f32],
+        slopes: &[f32],
         gradients: &mut Gradients<'_>,
-        scratch: &mut ConvolutionScratch,
+        _scratch: &mut LayerScratch,
     ) {
-        let (planes, area) = (self.planes(), self.area());
-        assert_eq!(slope.len(), self.outputs * area);
-        planes.reserve(&mut scratch.slopes, self.outputs);
-        for channel in 0..self.outputs {
-            let at = channel * area;
-            planes.fill(&mut scratch.slopes, channel, |y, to| {
-                let from = at + y * self.width;
-                self.activation.slope(&out[from..][..self.width], &slope[from..][..self.width], to);
-            });
-        }
+        let planes = self.planes;
+        assert_eq!(slopes.len(), self.outputs * planes.plane());
         if let Some(bias) = gradients.bias.as_deref_mut() {
-            for (channel, bias) in bias.iter_mut().enumerate() {
-                *bias = super::sum(&scratch.slopes[planes.origin(channel)..][..planes.columns()]);
-            }
+            bias_gradient(&planes, slopes, bias);
         }
         if let Some(gradient) = gradients.weights.as_deref_mut() {
-            planes.spread(image, &mut scratch.source);
-            self.offsets(self.inputs, &mut scratch.offsets);
             level.run_lanes(Dots {
-                left: &scratch.slopes,
+                left: slopes,
                 first: planes.origin(0),
                 stride: planes.plane(),
                 rows: self.outputs,
-                source: &scratch.source,
-                offsets: &scratch.offsets,
+                source: image,
+                offsets: &weights.offsets[0],
                 columns: planes.columns(),
                 out: gradient,
             });
         }
-        if let Some(gradient) = gradients.image.as_deref_mut() {
-            self.offsets(self.outputs, &mut scratch.offsets);
-            scratch.image_gradient(level, &planes, &weights.backward, self.inputs, gradient);
+        if let Some(gradient) = &mut gradients.image {
+            assert_eq!(gradient.planes.len(), self.inputs * planes.plane());
+            level.run_lanes(Product {
+                weights: &weights.backward,
+                offsets: &weights.offsets[1],
+                source: slopes,
+                finish: gradient.finish(),
+                out: &mut gradient.planes[planes.origin(0)..],
+                stride: planes.plane(),
+                rows: self.inputs,
+                columns: planes.columns(),
+            });
         }
     }
 }
