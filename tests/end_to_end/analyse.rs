@@ -205,6 +205,31 @@ fn invalid_analyse_arguments_list_the_available_values() {
 }
 
 #[test]
+fn caption_label_and_digits_of_the_latex_table_of_errors() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let run = small(folder.path());
+    let latex = |more: &[&str]| {
+        let mut analyse = depthloom();
+        analyse.arg("analyse").arg(&run).args(["--bins", "edges:0,10,80", "--format", "latex"]).args(more);
+        String::from_utf8(succeed(&mut analyse).stdout).expect("text")
+    };
+    let own = latex(&["--caption", "Ours, $n = 4$.", "--label", "tab:ours", "--digits", "5"]);
+    assert!(own.contains("\\caption{Ours, $n = 4$.}\n\\label{tab:ours}"), "{own}");
+    let row = own.lines().find(|line| line.starts_with("stereo & 0 & 10 &")).unwrap_or_else(|| panic!("{own}"));
+    let numbers: Vec<&str> = row.trim_end_matches(" \\\\").split(" & ").collect();
+    assert!(numbers[5..11].iter().all(|number| number.split_once('.').is_some_and(|(_, end)| end.len() == 5)), "{row}");
+    assert!(latex(&[]).contains("\\label{tab:first-look-errors-by-ground-truth-distance}"), "{}", latex(&[]));
+    let text = succeed(depthloom().arg("analyse").arg(&run).args(["--bins", "edges:0,10,80", "--digits", "1"]));
+    let text = String::from_utf8(text.stdout).expect("text");
+    let row = text.lines().find(|line| line.starts_with("stereo")).unwrap_or_else(|| panic!("{text}"));
+    let errors = row.split_whitespace().skip(5).take(8);
+    assert!(errors.clone().all(|number| number.split_once('.').is_some_and(|(_, end)| end.len() == 1)), "{row}");
+    assert_eq!(errors.count(), 8, "{row}");
+    let refused = depthloom().arg("analyse").arg(&run).args(["--samples-only", "--digits", "2"]).output();
+    assert_eq!(refused.expect("the binary starts").status.code(), Some(2));
+}
+
+#[test]
 fn a_run_that_cannot_write_its_samples_fails_before_its_first_frame() {
     let folder = tempfile::tempdir().expect("a folder");
     let out = folder.path().join("out");

@@ -24,7 +24,7 @@ pub(crate) struct Described {
     /// The key of the run's plan.
     run: String,
     /// The experiment's name.
-    experiment: String,
+    pub(crate) experiment: String,
     /// A key of the contents of the recording: its plan, and the keys of its frames.
     recording: String,
     /// The estimates, in the order of their columns.

@@ -76,6 +76,7 @@ pub(crate) fn analyse(args: &AnalyseArgs) -> Result<ExitCode, CliError> {
     bar.finish_and_clear();
     let (mut found, run) = found.map_err(failed)?;
     found.show_labels(&recordings);
+    found.typeset(&args.typesetting.typesetting());
     found.add_notes(recordings.iter().flat_map(recording_notes));
     delivery.warn_of_condition(&recordings);
     let read: Vec<&Path> = files.iter().map(|(_, file)| file.as_path()).collect();
