@@ -84,10 +84,10 @@ pub(crate) struct AnalyseArgs {
     /// Write `samples.parquet` and print no table.
     ///
     /// The file has one row per scored pixel: ground truth, every estimate, every recorded confidence. It is written
-    /// into the run's folder, or to `--out`.
+    /// into the run's folder, or to `--out`. With `--frames`, `--out` is required.
     #[arg(
         long,
-        conflicts_with_all = ["by", "bins", "percentiles", "estimates", "variant", "stage", "frames", "pixels", "relative", "outlier", "caption", "label", "digits", "format"]
+        conflicts_with_all = ["by", "bins", "percentiles", "estimates", "variant", "stage", "pixels", "relative", "outlier", "caption", "label", "digits", "format"]
     )]
     pub samples_only: bool,
 

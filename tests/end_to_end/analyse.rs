@@ -244,6 +244,23 @@ fn a_run_that_cannot_write_its_samples_fails_before_its_first_frame() {
 }
 
 #[test]
+fn frames_of_variants_with_sources_of_their_own_are_selected() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let (experiment, run) = (folder.path().join("seeds.yaml"), folder.path().join("run"));
+    let look = workspace().join("experiments/first-look.yaml");
+    let text = format!(
+        "extends: {}\nsources: {{ street: {{ with: {{ width: 320, height: 96 }} }} }}\n\
+         variants: {{ one: {{}}, two: {{ sources.street.with.seed: 2 }} }}\n",
+        look.display()
+    );
+    std::fs::write(&experiment, text).expect("written");
+    succeed(depthloom().args(["run", "--no-page", "--quiet"]).arg(&experiment).arg("--out").arg(&run));
+    let table = succeed(depthloom().arg("analyse").arg(&run).args(["--by", "frame", "--frames", "2", "--format", "csv"]));
+    let rows = String::from_utf8(table.stdout).expect("text");
+    assert_eq!(rows.lines().count(), 1 + 2, "one frame of each variant: {rows}");
+}
+
+#[test]
 fn selected_frames_are_those_of_a_run_with_these_frames() {
     let folder = tempfile::tempdir().expect("a folder");
     let run = small(folder.path());
@@ -276,6 +293,16 @@ fn selected_frames_are_those_of_a_run_with_these_frames() {
         String::from_utf8_lossy(&output.stderr).into_owned()
     };
     assert!(refused(&run, "99").contains("99"));
+    // A file of samples with these frames alone. It is not taken for the samples of the run.
+    let part = folder.path().join("part.parquet");
+    let only = ["--samples-only", "--frames", "1..3", "--out"];
+    succeed(depthloom().arg("analyse").arg(&run).args(only).arg(&part));
+    assert_eq!(csv(&part, &[]), csv(&few, &[]));
+    let all = csv(&run, &[]);
+    std::fs::copy(&part, run.join("samples.parquet")).expect("copied");
+    assert_eq!(csv(&run, &[]), all, "samples of some frames are replaced");
+    let output = depthloom().arg("analyse").arg(&run).args(&only[..3]).output().expect("started");
+    assert!(output.status.code() == Some(2) && String::from_utf8_lossy(&output.stderr).contains("needs --out"));
     let samples = refused(&run.join("samples.parquet"), "1");
     assert!(samples.contains("--frames needs a run"), "{samples}");
 }

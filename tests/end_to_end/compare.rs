@@ -155,6 +155,26 @@ fn errors_by_distance_match_scipy() {
 }
 
 #[test]
+fn selected_frames_by_distance_are_those_of_a_run_with_these_frames() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let folder = folder.path();
+    run(folder, "run", &[]);
+    run(folder, "few", &["sources.street.with.frames=2..5"]);
+    let by_distance = |run: &str, frames: &[&str]| {
+        let arguments = [run, "plain/raw", "strict/smooth", "--by", "distance", "--resamples", "300"];
+        json(folder, &[&arguments, frames].concat())
+    };
+    let selected = by_distance("run", &["--frames", "2..5"]);
+    let rows = |compared: &Json| compared["rows"].as_array().expect("rows").clone();
+    let numbers = |compared: &Json| rows(compared).iter().map(|row| row["value_m"].clone()).collect::<Vec<_>>();
+    assert_eq!(numbers(&selected), numbers(&by_distance("few", &[])));
+    assert_ne!(numbers(&selected), numbers(&by_distance("run", &[])));
+    assert!(rows(&selected).iter().all(|row| row["frames"].as_u64().is_some_and(|frames| frames <= 3)), "{selected}");
+    let error = refused(folder, &["run", "plain", "strict", "--by", "distance", "--frames", "90"]);
+    assert!(error.contains("90"), "{error}");
+}
+
+#[test]
 fn options_that_do_not_apply_by_distance_are_refused() {
     let folder = tempfile::tempdir().expect("a folder");
     let folder = folder.path();

@@ -87,6 +87,11 @@ impl Described {
         self.recording == content_key(recording)
     }
 
+    /// States that frames of the recording are left out.
+    pub(super) fn set_incomplete(&mut self) {
+        self.recording.push_str(" in part");
+    }
+
     /// Describes the samples of a recording, and lists the topics of the confidences.
     pub(crate) fn new(recording: &Recording, estimates: &[Estimate]) -> (Self, Vec<String>) {
         let plan = recording.plan();
