@@ -324,6 +324,34 @@ fn frames_and_several_estimates_are_selected() {
 }
 
 #[test]
+fn a_range_of_frames_beyond_the_run_is_noted() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let folder = folder.path();
+    run(folder, "run", &[]);
+    let noted = "note: --frames is longer than run/recording.mcap: of the frames 5 to 19, 13 of 15 do not exist: 2 are used, 5 to 6";
+    for arguments in [
+        &["table", "run"][..],
+        &["compare", "run", "plain", "large"],
+        &["compare", "run", "plain/raw", "large/raw", "--by", "distance", "--resamples", "200"],
+        &["analyse", "run"],
+        &["analyse", "run", "--samples-only", "--out", "part.parquet"],
+        &["explain", "run", "abs_rel", "plain/raw"],
+    ] {
+        let output = |frames: &str| {
+            let mut command = depthloom();
+            command.current_dir(folder).args(arguments).args(["--frames", frames]).output().expect("started")
+        };
+        let beyond = output("5..20");
+        let stderr = String::from_utf8_lossy(&beyond.stderr).split_whitespace().collect::<Vec<_>>().join(" ");
+        assert!(beyond.status.success() && stderr.contains(noted), "{arguments:?}: {stderr}");
+        let within = output("5..7");
+        assert!(!String::from_utf8_lossy(&within.stderr).contains("--frames"), "{arguments:?}");
+        let none = output("20..30");
+        assert_eq!(none.status.code(), Some(2), "{arguments:?}");
+    }
+}
+
+#[test]
 fn a_table_of_several_runs_has_a_column_per_differing_setting() {
     let folder = tempfile::tempdir().expect("a folder");
     let folder = folder.path();

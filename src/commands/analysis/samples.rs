@@ -10,6 +10,7 @@ use serde::Serialize;
 use crate::args::AnalyseArgs;
 use crate::output;
 use crate::output::delivery::can_be_written;
+use crate::results::frames::note_frames_beyond;
 use crate::results::samples::{folder_of, write};
 use crate::signals;
 
@@ -51,6 +52,7 @@ pub(crate) fn samples(args: &AnalyseArgs) -> Result<ExitCode, CliError> {
     let _lock = run_folder::lock_if_run(folder_of(&out))?;
     let recording = open_frames(&path)?;
     let written = write(&recording, &out, args.frames.as_ref(), args.quiet || args.output.json, &interrupt)?;
+    note_frames_beyond([&recording], args.frames.as_ref());
     if args.output.json {
         output::print(&Samples {
             file: out.to_string_lossy().into_owned(),
