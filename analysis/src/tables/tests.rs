@@ -48,6 +48,29 @@ note: one row failed
 }
 
 #[test]
+fn columns_stay_aligned_with_letters_of_two_columns() {
+    let texts = ["融合した深度", "stereo", "e\u{301}tage"].map(|text| Some(text.to_owned()));
+    let rows = Rows(&[(0.1, 1), (0.2, 2), (0.3, 3)]);
+    let columns = vec![
+        Column::new("estimate", Cells::Text(texts.to_vec())).key(),
+        rows.number("abs_rel", |row| row.0),
+        rows.count("frames", |row| row.1),
+    ];
+    let text = Table::new(columns).terminal(110);
+    let expected = "\
+estimate      abs_rel  frames
+融合した深度    0.100       1
+stereo          0.200       2
+e\u{301}tage           0.300       3
+";
+    assert!(text.ends_with(expected), "{text}");
+    // A long text keeps 40 columns, not 40 letters.
+    let long = Column::new("estimate", Cells::Text(vec![Some("深".repeat(30)), Some("度".repeat(30))]));
+    let text = Table::new(vec![long]).terminal(110);
+    assert!(text.contains(&format!("\n{}…{}\n", "深".repeat(9), "深".repeat(10))), "{text}");
+}
+
+#[test]
 fn wide_tables_are_split_into_blocks_with_key_columns() {
     let text = table().terminal(34);
     let heads: Vec<&str> = text.lines().filter(|line| line.starts_with("block")).collect();
