@@ -255,7 +255,8 @@ fn frames_of_variants_with_sources_of_their_own_are_selected() {
     );
     std::fs::write(&experiment, text).expect("written");
     succeed(depthloom().args(["run", "--no-page", "--quiet"]).arg(&experiment).arg("--out").arg(&run));
-    let table = succeed(depthloom().arg("analyse").arg(&run).args(["--by", "frame", "--frames", "2", "--format", "csv"]));
+    let table =
+        succeed(depthloom().arg("analyse").arg(&run).args(["--by", "frame", "--frames", "2", "--format", "csv"]));
     let rows = String::from_utf8(table.stdout).expect("text");
     assert_eq!(rows.lines().count(), 1 + 2, "one frame of each variant: {rows}");
 }
