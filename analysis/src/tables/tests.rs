@@ -130,12 +130,13 @@ fn latex_tables_use_published_names_and_minus_signs() {
         Column::levels("min", ["-63", "a-b"].map(|level| Some(level.to_owned())), |row| row == 0),
         rows.metric(d1, |row| Some(row.0)).decimals(2).marked(vec![Mark::Best, Mark::None]),
         rows.number("difference", |row| row.1).decimals(2).marked(vec![Mark::Best, Mark::None]),
+        rows.text("interval", |row| format!("[{:+.2}, {:+.2}]", row.1 - 0.5, row.1 + 0.5)).in_text().joins(),
     ];
     let latex = Table::new(columns).latex();
     for part in [
         "min & D1 $\\downarrow$ & difference \\\\",
-        "$-$63 & \\textbf{0.50} & \\textbf{$-$0.12} \\\\",
-        "a-b & 0.25 & 0.12",
+        "$-$63 & \\textbf{0.50} & \\textbf{$-$0.12} [$-$0.62, +0.38] \\\\",
+        "a-b & 0.25 & 0.12 [$-$0.38, +0.62]",
     ] {
         assert!(latex.contains(part), "{part}: {latex}");
     }
