@@ -49,8 +49,8 @@ impl FrameChoice {
         }
     }
 
-    /// Describes the frames of a range that are before the first or after the last recorded number; `None` if the range
-    /// has none.
+    /// Describes the frames of a range that are before the first or after the last recorded number; `None` if it
+    /// ends within them.
     fn beyond(&self, recorded: &BTreeSet<u64>) -> Option<String> {
         let Self::Selection(FrameSelection::Range(range)) = self else { return None };
         let (first, last) = (*recorded.first()?, *recorded.last()?);
@@ -103,8 +103,8 @@ impl FrameChoice {
     }
 }
 
-/// Describes the frames of a range that are before the first or after the last frame of a recording; `None` if the
-/// range has none.
+/// Describes the frames of a range that are before the first or after the last frame of a recording; `None` if it
+/// ends within them.
 #[must_use]
 pub fn frames_beyond(recording: &Recording, choice: &FrameChoice) -> Option<String> {
     let runs = RunId::all(recording.plan().runs.len());

@@ -19,7 +19,7 @@ pub struct Condition {
     pub path: String,
     comparison: Comparison,
     value: String,
-    /// The hash of the file that `value` names, or why there is none; computed if a run has a hash to compare it with.
+    /// The hash of the file that `value` names, or why it has no hash; computed if a run has a hash to compare it with.
     content: OnceLock<Result<Key, String>>,
 }
 
