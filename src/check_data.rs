@@ -136,12 +136,13 @@ fn lacks_baseline(run: &StageRun, parts: &[usize], walked: &mut [Walked]) {
     };
     let nodes = run.nodes.iter().filter(|node| needs_baseline(&node.kind) && node.inputs.iter().any(is_of_source));
     for node in nodes {
-        for source in parts.iter().map(|at| &mut walked[*at]).filter(|source| source.counts.single_camera > 0) {
+        for at in parts {
+            let source = &mut walked[*at];
             let what = format!(
                 "its `calibration` is that of a single camera, and node `{}.{}` ({}) needs a baseline",
                 run.stage, node.name, node.kind
             );
-            if !source.faults.iter().any(|fault| fault.what == what) {
+            if source.counts.single_camera > 0 && !source.faults.iter().any(|fault| fault.what == what) {
                 let remedy = Some("set `baseline_m` in the calibration of the source, or use depths".to_owned());
                 source.faults.push(FrameFault { frame: None, what, remedy, kind: None });
             }

@@ -17,14 +17,8 @@ pub(crate) fn pair_calibration<'a>(inputs: &'a Inputs<'_>) -> Result<&'a Calibra
 }
 
 /// Kinds whose input `calibration` must have a baseline. Others need one depending on their network or parameters.
-const WITH_BASELINE: [&str; 6] = [
-    "depth/from-disparity",
-    "fusion/inverse-variance",
-    "fusion/learned",
-    "fusion/mixture",
-    "learn/reliability",
-    "stereo/onnx",
-];
+const WITH_BASELINE: [&str; 5] =
+    ["depth/from-disparity", "fusion/inverse-variance", "fusion/learned", "fusion/mixture", "learn/reliability"];
 
 /// Whether nodes of a kind fail on the calibration of a single camera.
 #[must_use]

@@ -125,15 +125,16 @@ pub fn check_samples(plan: &Plan) -> Result<(), AnalysisError> {
     Err(AnalysisError::request(what, help.to_owned()))
 }
 
-/// Writes the samples of the recorded maps of all frames, or of the selected ones, to a file atomically. `progress` is called with the number of finished
-/// frames, and their total; `stop` is polled between frames.
+/// Writes the samples of the recorded maps of all frames, or of the selected ones, to a file atomically. `progress` is
+/// called with the number of finished frames, and their total; `stop` is polled between frames.
 ///
 /// Only a few frames are in memory at a time. Equal recordings give equal files. A file of selected frames
 /// [matches](crate::samples_match) no recording, so that no command takes it for the samples of a run.
 ///
 /// # Errors
-/// If the recording cannot be read, if a selected frame does not exist, or no scored estimate has recorded maps ([`AnalysisError::Request`], with the
-/// outputs to add to `record:`); if the file cannot be written; [`AnalysisError::Stopped`] once `stop` returns true.
+/// If the recording cannot be read, a selected frame does not exist, or no scored estimate has recorded maps
+/// ([`AnalysisError::Request`], with the outputs to add to `record:`); if the file cannot be written;
+/// [`AnalysisError::Stopped`] once `stop` returns true.
 pub fn write_samples(
     recording: &Recording,
     file: &Path,
