@@ -16,7 +16,7 @@ use crate::completion::runs;
     "analyse @latest --bins log:12 --estimates '*/fused' --pixels common" => "some estimates, on the pixels that are valid in all of them",
     "analyse @latest --by weight --percentiles 50,95" => "does higher confidence mean smaller error?",
     "analyse first/one first/two --by frame --format csv --out frames.csv" => "two runs, frame by frame",
-    "analyse @latest --bins quantile:5 --digits 2 --label errors --format latex --out errors.tex" => "for a paper",
+    "analyse @latest --bins quantile:5 --digits 2 --format latex --out errors.tex" => "for a paper",
     "analyse @latest --samples-only" => "write samples.parquet into the run's folder: one row per scored pixel",
 ])]
 pub(crate) struct AnalyseArgs {
