@@ -6,10 +6,11 @@ use std::path::PathBuf;
 use std::sync::Mutex;
 
 use depthloom_datasets::inspection::inspect;
-use depthloom_graphs::contracts::{Fact, Survey};
-use depthloom_graphs::plan::{FrameIndex, Plan, SourcePart, StageRun};
+use depthloom_graphs::contracts::{Fact, Slot, Survey};
+use depthloom_graphs::plan::{FrameIndex, Origin, Plan, PlannedInput, SourcePart, StageRun};
 use depthloom_graphs::registry::SourceEntry;
 use depthloom_graphs::{Context, ErrorMessage, Fault, Frame, Port, Registry, Scratch, Source, Value, counted};
+use depthloom_nodes::needs_baseline;
 use depthloom_terminal::{CliError, ExitCode, Problem};
 use depthloom_threads::{Budget, Tiles as _, into_unlocked, locked};
 use schemars::JsonSchema;
@@ -29,9 +30,18 @@ pub(crate) struct Walked {
     /// What there is to show of the data beside their frames.
     pub facts: Vec<Fact>,
     pub warnings: Vec<String>,
-    /// How many frames were read, and how many of these have a value of each output port.
+    counts: Counts,
+}
+
+/// The numbers of frames that were read.
+#[derive(Default)]
+struct Counts {
+    /// All of them.
     read: usize,
+    /// Those with a value of each output port.
     with: BTreeMap<&'static str, usize>,
+    /// Those whose calibration has no baseline.
+    single_camera: usize,
 }
 
 pub(crate) struct FrameFault {
@@ -72,7 +82,9 @@ pub(crate) fn walk(plan: &Plan, registry: &Registry, workers: usize, quiet: bool
     }
     for run in &plan.runs {
         let parts = run.source.parts.iter().filter_map(|part| known.iter().position(|other| is_same(other, part)));
-        lacks_truth(run, &parts.collect::<Vec<_>>(), &mut walked);
+        let parts: Vec<usize> = parts.collect();
+        lacks_truth(run, &parts, &mut walked);
+        lacks_baseline(run, &parts, &mut walked);
     }
     walked
 }
@@ -84,11 +96,11 @@ fn is_same(one: &SourcePart, other: &SourcePart) -> bool {
 /// Adds a fault to sources that have no ground truth for the metrics of a stage.
 fn lacks_truth(run: &StageRun, parts: &[usize], walked: &mut [Walked]) {
     for port in truths::of_source(run) {
-        let with = |source: &Walked| source.with.get(port).copied().unwrap_or(0);
+        let with = |source: &Walked| source.counts.with.get(port).copied().unwrap_or(0);
         let of_all: usize = parts.iter().map(|at| with(&walked[*at])).sum();
         for at in parts {
             let source = &mut walked[*at];
-            let (there, read, stage) = (with(source), source.read, &run.stage);
+            let (there, read, stage) = (with(source), source.counts.read, &run.stage);
             // If the source could not be opened, the missing file may be the reason.
             let is_open = source
                 .faults
@@ -117,6 +129,27 @@ fn lacks_truth(run: &StageRun, parts: &[usize], walked: &mut [Walked]) {
     }
 }
 
+/// Adds a fault to sources without a baseline that a node of a stage needs.
+fn lacks_baseline(run: &StageRun, parts: &[usize], walked: &mut [Walked]) {
+    let is_of_source = |input: &PlannedInput| {
+        input.port.name == "calibration" && matches!(input.from, Some(Origin::Here(Slot::Source { .. })))
+    };
+    let nodes = run.nodes.iter().filter(|node| needs_baseline(&node.kind) && node.inputs.iter().any(is_of_source));
+    for node in nodes {
+        for at in parts {
+            let source = &mut walked[*at];
+            let what = format!(
+                "its `calibration` is that of a single camera, and node `{}.{}` ({}) needs a baseline",
+                run.stage, node.name, node.kind
+            );
+            if source.counts.single_camera > 0 && !source.faults.iter().any(|fault| fault.what == what) {
+                let remedy = Some("set `baseline_m` in the calibration of the source, or use depths".to_owned());
+                source.faults.push(FrameFault { frame: None, what, remedy, kind: None });
+            }
+        }
+    }
+}
+
 fn one(name: &str, entry: &SourceEntry, params: &Json, workers: usize, quiet: bool) -> Walked {
     let Survey { source, faults, facts } = entry.survey(params);
     let mut faults: Vec<FrameFault> = faults.iter().map(|fault| FrameFault::new(None, fault)).collect();
@@ -140,8 +173,6 @@ fn one(name: &str, entry: &SourceEntry, params: &Json, workers: usize, quiet: bo
         faults.extend(of_frames);
         warnings.extend(collected.into_warnings());
     }
-    let There(there) = there;
-    let (read, with) = into_unlocked(there);
     Walked {
         name: name.to_owned(),
         kind: entry.declaration.kind.to_owned(),
@@ -149,21 +180,23 @@ fn one(name: &str, entry: &SourceEntry, params: &Json, workers: usize, quiet: bo
         faults,
         facts,
         warnings,
-        read,
-        with,
+        counts: into_unlocked(there.0),
     }
 }
 
-/// How many frames were read, and how many of them have a value of each port.
+/// The counts of frames, from several threads.
 #[derive(Default)]
-struct There(Mutex<(usize, BTreeMap<&'static str, usize>)>);
+struct There(Mutex<Counts>);
 
 impl There {
     fn count(&self, ports: &[Port], values: &[Option<Value>]) {
         let mut counts = locked(&self.0);
-        counts.0 += 1;
+        counts.read += 1;
+        let is_single =
+            |value: &Value| matches!(value, Value::Calibration(calibration) if calibration.is_single_camera());
+        counts.single_camera += usize::from(values.iter().flatten().any(is_single));
         for (port, _) in ports.iter().zip(values).filter(|(_, value)| value.is_some()) {
-            *counts.1.entry(port.name).or_default() += 1;
+            *counts.with.entry(port.name).or_default() += 1;
         }
     }
 }

@@ -39,7 +39,7 @@ pub use estimates::{Estimate, PredictedUncertainty};
 pub use explain::{Explain, Fact, ScoredFrame, WorstFrame, explain};
 pub use figures::{Figure, FigureKind, FigureRequest, FigureRun, Layout, Size, figure};
 pub use input::condition::{DamagedPlace, RecordingCondition, StageFrames, recording_notes};
-pub use input::frame_choice::FrameChoice;
+pub use input::frame_choice::{FrameChoice, frames_beyond};
 pub use input::paper::paper_scores;
 pub use input::rows::{TopicRows, curve_rows, topic_rows};
 pub use input::timings::{Timing, read_timings, timings_table, write_timings};

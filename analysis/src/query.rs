@@ -91,7 +91,8 @@ pub fn frames_of(recording: &Recording, choice: &FrameChoice) -> Result<FramesOf
     let frames = selected_frames(recording, &selection)?.unwrap_or_default();
     let named = |(run, position): (RunId, FrameIndex)| {
         let id = recording.frames(run)[position.0].id.to_string();
-        (recording.plan().runs[run].stage.clone(), position.0 as u32, id)
+        // Samples name the stage and, if sources differ between variants, the variant.
+        (recording.plan().runs[run].name().to_owned(), position.0 as u32, id)
     };
     Ok(frames.into_iter().map(named).collect())
 }
@@ -261,10 +262,7 @@ fn jobs_of<'a>(
     frames: Option<&FramesOfRun>,
 ) -> Result<Vec<Job<'a>>, AnalysisError> {
     let mut populations: Vec<(&str, &str, Vec<&Part>)> = Vec::new();
-    let is_selected = |part: &&Part| {
-        frames.is_none_or(|frames| frames.contains(&(part.stage.to_string(), part.position, part.frame.to_string())))
-    };
-    for part in file.parts.iter().filter(is_selected) {
+    for part in file.parts.iter().filter(|part| part.is_selected(frames)) {
         match populations.iter_mut().find(|(stage, scoring, _)| *stage == &*part.stage && *scoring == &*part.scoring) {
             Some((.., parts)) => parts.push(part),
             None => populations.push((&part.stage, &part.scoring, vec![part])),

@@ -16,6 +16,16 @@ pub(crate) fn pair_calibration<'a>(inputs: &'a Inputs<'_>) -> Result<&'a Calibra
     of_pair(inputs.get::<Calibration>("calibration")?)
 }
 
+/// Kinds whose input `calibration` must have a baseline. Others need one depending on their network or parameters.
+const WITH_BASELINE: [&str; 5] =
+    ["depth/from-disparity", "fusion/inverse-variance", "fusion/learned", "fusion/mixture", "learn/reliability"];
+
+/// Whether nodes of a kind fail on the calibration of a single camera.
+#[must_use]
+pub fn needs_baseline(kind: &str) -> bool {
+    WITH_BASELINE.contains(&kind)
+}
+
 /// # Errors
 /// The calibration is that of a single camera.
 pub(crate) fn of_pair(calibration: &Calibration) -> Result<&Calibration, Fault> {

@@ -33,4 +33,5 @@ mod shape;
 mod stereo;
 mod tiles;
 
+pub use geometry::needs_baseline;
 pub use registry::registry;

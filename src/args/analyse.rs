@@ -6,7 +6,7 @@ use clap::Args;
 use clap_complete::engine::ArgValueCompleter;
 use depthloom_analysis::{Bins, FrameChoice, Outlier, SampleSet};
 
-use super::{PartArgs, RunsFolder, TableOutputArgs};
+use super::{PartArgs, RunsFolder, TableOutputArgs, TypesettingArgs};
 use crate::completion::runs;
 
 #[derive(Debug, Args)]
@@ -16,6 +16,7 @@ use crate::completion::runs;
     "analyse @latest --bins log:12 --estimates '*/fused' --pixels common" => "some estimates, on the pixels that are valid in all of them",
     "analyse @latest --by weight --percentiles 50,95" => "does higher confidence mean smaller error?",
     "analyse first/one first/two --by frame --format csv --out frames.csv" => "two runs, frame by frame",
+    "analyse @latest --bins quantile:5 --digits 2 --format latex --out errors.tex" => "for a paper",
     "analyse @latest --samples-only" => "write samples.parquet into the run's folder: one row per scored pixel",
 ])]
 pub(crate) struct AnalyseArgs {
@@ -83,16 +84,19 @@ pub(crate) struct AnalyseArgs {
     /// Write `samples.parquet` and print no table.
     ///
     /// The file has one row per scored pixel: ground truth, every estimate, every recorded confidence. It is written
-    /// into the run's folder, or to `--out`.
+    /// into the run's folder, or to `--out`. With `--frames`, `--out` is required.
     #[arg(
         long,
-        conflicts_with_all = ["by", "bins", "percentiles", "estimates", "variant", "stage", "frames", "pixels", "relative", "outlier", "format"]
+        conflicts_with_all = ["by", "bins", "percentiles", "estimates", "variant", "stage", "pixels", "relative", "outlier", "caption", "label", "digits", "format"]
     )]
     pub samples_only: bool,
 
     /// Print only errors, with --samples-only.
     #[arg(long, short, requires = "samples_only", conflicts_with = "json")]
     pub quiet: bool,
+
+    #[command(flatten)]
+    pub typesetting: TypesettingArgs,
 
     #[command(flatten)]
     pub folder: RunsFolder,

@@ -90,7 +90,7 @@ pub(crate) struct CompareArgs {
     /// Compare absolute errors by this quantity (default: compare metrics).
     ///
     /// The table has the mean and the median of each bin, and the distance from which the other side is better.
-    #[arg(long, value_enum, value_name = "QUANTITY", conflicts_with_all = ["metrics", "fail_if", "zone", "mean", "frames"])]
+    #[arg(long, value_enum, value_name = "QUANTITY", conflicts_with_all = ["metrics", "fail_if", "zone", "mean"])]
     pub by: Option<CompareBy>,
 
     /// Set the bins of `--by distance` (default: `width:5`).

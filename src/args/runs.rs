@@ -105,8 +105,9 @@ pub(crate) struct ListFilter {
     /// The operators are = != < <= > >=. On the left is the path of a parameter with its defaults filled in
     /// (`STAGE.NODE.with.NAME`, `sources.NAME.with.NAME`), of a `kind` (`STAGE.NODE.kind`), or one of `best`,
     /// `experiment`, `frames`, `state`, `tag` and `variants`. A run with several variants is listed if one of them
-    /// fulfils it. Repeat the option for more conditions: a run must fulfil all, each in any of its variants. Of a
-    /// path, the last name is compared. States: complete, unfinished, running, damaged, unreadable.
+    /// fulfils it. Repeat the option for more conditions: a run must fulfil all, each in any of its variants. A file
+    /// is compared by its content; of another path, the last name is compared. States: complete, unfinished, running,
+    /// damaged, unreadable.
     #[arg(long = "where", value_name = "CONDITION")]
     pub conditions: Vec<Condition>,
 

@@ -2,7 +2,7 @@
 
 use std::path::{Path, PathBuf};
 
-use depthloom_analysis::{SAMPLES, SamplesWritten, samples_match, write_samples};
+use depthloom_analysis::{FrameChoice, SAMPLES, SamplesWritten, samples_match, write_samples};
 use depthloom_recording::{Condition, Recording};
 use depthloom_runner::Interrupt;
 use depthloom_runs::{failed, open_frames, run_folder};
@@ -15,10 +15,11 @@ pub(crate) fn folder_of(file: &Path) -> &Path {
     file.parent().filter(|folder| !folder.as_os_str().is_empty()).unwrap_or(Path::new("."))
 }
 
-/// Writes a recording's samples to a file, with progress.
+/// Writes a recording's samples to a file, with progress; of all frames, or of the selected ones.
 pub(crate) fn write(
     recording: &Recording,
     out: &Path,
+    frames: Option<&FrameChoice>,
     is_silent: bool,
     interrupt: &Interrupt,
 ) -> Result<SamplesWritten, CliError> {
@@ -30,7 +31,7 @@ pub(crate) fn write(
         bar.set_length(all as u64);
         bar.set_position(done as u64);
     };
-    let written = write_samples(recording, out, &progress, &|| interrupt.stops_admission());
+    let written = write_samples(recording, out, frames, &progress, &|| interrupt.stops_admission());
     bar.finish_and_clear();
     written.map_err(failed)
 }
@@ -64,7 +65,7 @@ pub(crate) fn samples_of(
         )
     };
     let _lock = run_folder::lock_if_run(folder_of(&file)).map_err(|stop| stop.remedy(elsewhere()))?;
-    let written = write(&recording, &file, is_silent, interrupt)
+    let written = write(&recording, &file, None, is_silent, interrupt)
         .map_err(|stop| if stop.exit == ExitCode::Engine { stop.remedy(elsewhere()) } else { stop })?;
     written.notes.iter().for_each(|note| say(format_args!("note: {note}")));
     Ok(file)

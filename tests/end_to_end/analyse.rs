@@ -205,6 +205,31 @@ fn invalid_analyse_arguments_list_the_available_values() {
 }
 
 #[test]
+fn caption_label_and_digits_of_the_latex_table_of_errors() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let run = small(folder.path());
+    let latex = |more: &[&str]| {
+        let mut analyse = depthloom();
+        analyse.arg("analyse").arg(&run).args(["--bins", "edges:0,10,80", "--format", "latex"]).args(more);
+        String::from_utf8(succeed(&mut analyse).stdout).expect("text")
+    };
+    let own = latex(&["--caption", "Ours, $n = 4$.", "--label", "tab:ours", "--digits", "5"]);
+    assert!(own.contains("\\caption{Ours, $n = 4$.}\n\\label{tab:ours}"), "{own}");
+    let row = own.lines().find(|line| line.starts_with("stereo & 0 & 10 &")).unwrap_or_else(|| panic!("{own}"));
+    let numbers: Vec<&str> = row.trim_end_matches(" \\\\").split(" & ").collect();
+    assert!(numbers[5..11].iter().all(|number| number.split_once('.').is_some_and(|(_, end)| end.len() == 5)), "{row}");
+    assert!(latex(&[]).contains("\\label{tab:first-look-errors-by-ground-truth-distance}"), "{}", latex(&[]));
+    let text = succeed(depthloom().arg("analyse").arg(&run).args(["--bins", "edges:0,10,80", "--digits", "1"]));
+    let text = String::from_utf8(text.stdout).expect("text");
+    let row = text.lines().find(|line| line.starts_with("stereo")).unwrap_or_else(|| panic!("{text}"));
+    let errors = row.split_whitespace().skip(5).take(8);
+    assert!(errors.clone().all(|number| number.split_once('.').is_some_and(|(_, end)| end.len() == 1)), "{row}");
+    assert_eq!(errors.count(), 8, "{row}");
+    let refused = depthloom().arg("analyse").arg(&run).args(["--samples-only", "--digits", "2"]).output();
+    assert_eq!(refused.expect("the binary starts").status.code(), Some(2));
+}
+
+#[test]
 fn a_run_that_cannot_write_its_samples_fails_before_its_first_frame() {
     let folder = tempfile::tempdir().expect("a folder");
     let out = folder.path().join("out");
@@ -216,6 +241,24 @@ fn a_run_that_cannot_write_its_samples_fails_before_its_first_frame() {
     let missing = "the ground truth `look.source/depth` and the estimate `look.depth/depth` are not recorded";
     assert!(error.contains(missing) && error.contains("or run without --samples"), "{error}");
     assert_eq!(folder.path().read_dir().expect("a folder").count(), 0, "nothing was written");
+}
+
+#[test]
+fn frames_of_variants_with_sources_of_their_own_are_selected() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let (experiment, run) = (folder.path().join("seeds.yaml"), folder.path().join("run"));
+    let look = workspace().join("experiments/first-look.yaml");
+    let text = format!(
+        "extends: {}\nsources: {{ street: {{ with: {{ width: 320, height: 96 }} }} }}\n\
+         variants: {{ one: {{}}, two: {{ sources.street.with.seed: 2 }} }}\n",
+        look.display()
+    );
+    std::fs::write(&experiment, text).expect("written");
+    succeed(depthloom().args(["run", "--no-page", "--quiet"]).arg(&experiment).arg("--out").arg(&run));
+    let table =
+        succeed(depthloom().arg("analyse").arg(&run).args(["--by", "frame", "--frames", "2", "--format", "csv"]));
+    let rows = String::from_utf8(table.stdout).expect("text");
+    assert_eq!(rows.lines().count(), 1 + 2, "one frame of each variant: {rows}");
 }
 
 #[test]
@@ -251,6 +294,16 @@ fn selected_frames_are_those_of_a_run_with_these_frames() {
         String::from_utf8_lossy(&output.stderr).into_owned()
     };
     assert!(refused(&run, "99").contains("99"));
+    // A file of samples with these frames alone. It is not taken for the samples of the run.
+    let part = folder.path().join("part.parquet");
+    let only = ["--samples-only", "--frames", "1..3", "--out"];
+    succeed(depthloom().arg("analyse").arg(&run).args(only).arg(&part));
+    assert_eq!(csv(&part, &[]), csv(&few, &[]));
+    let all = csv(&run, &[]);
+    std::fs::copy(&part, run.join("samples.parquet")).expect("copied");
+    assert_eq!(csv(&run, &[]), all, "samples of some frames are replaced");
+    let output = depthloom().arg("analyse").arg(&run).args(&only[..3]).output().expect("started");
+    assert!(output.status.code() == Some(2) && String::from_utf8_lossy(&output.stderr).contains("needs --out"));
     let samples = refused(&run.join("samples.parquet"), "1");
     assert!(samples.contains("--frames needs a run"), "{samples}");
 }

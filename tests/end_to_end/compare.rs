@@ -155,6 +155,26 @@ fn errors_by_distance_match_scipy() {
 }
 
 #[test]
+fn selected_frames_by_distance_are_those_of_a_run_with_these_frames() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let folder = folder.path();
+    run(folder, "run", &[]);
+    run(folder, "few", &["sources.street.with.frames=2..5"]);
+    let by_distance = |run: &str, frames: &[&str]| {
+        let arguments = [run, "plain/raw", "strict/smooth", "--by", "distance", "--resamples", "300"];
+        json(folder, &[&arguments, frames].concat())
+    };
+    let selected = by_distance("run", &["--frames", "2..5"]);
+    let rows = |compared: &Json| compared["rows"].as_array().expect("rows").clone();
+    let numbers = |compared: &Json| rows(compared).iter().map(|row| row["value_m"].clone()).collect::<Vec<_>>();
+    assert_eq!(numbers(&selected), numbers(&by_distance("few", &[])));
+    assert_ne!(numbers(&selected), numbers(&by_distance("run", &[])));
+    assert!(rows(&selected).iter().all(|row| row["frames"].as_u64().is_some_and(|frames| frames <= 3)), "{selected}");
+    let error = refused(folder, &["run", "plain", "strict", "--by", "distance", "--frames", "90"]);
+    assert!(error.contains("90"), "{error}");
+}
+
+#[test]
 fn options_that_do_not_apply_by_distance_are_refused() {
     let folder = tempfile::tempdir().expect("a folder");
     let folder = folder.path();
@@ -301,6 +321,34 @@ fn frames_and_several_estimates_are_selected() {
         some["rows"].as_array().expect("rows").iter().map(|row| row["estimate"].to_string()).collect();
     assert_eq!(names.len(), 1, "{names:?}");
     assert!(refused(folder, &["run", "plain", "large", "--estimates", "raw,smoth"]).contains("did you mean `smooth`?"));
+}
+
+#[test]
+fn a_range_of_frames_beyond_the_run_is_noted() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let folder = folder.path();
+    run(folder, "run", &[]);
+    let noted = "note: --frames is longer than run/recording.mcap: of the frames 5 to 19, 13 of 15 do not exist: 2 are used, 5 to 6";
+    for arguments in [
+        &["table", "run"][..],
+        &["compare", "run", "plain", "large"],
+        &["compare", "run", "plain/raw", "large/raw", "--by", "distance", "--resamples", "200"],
+        &["analyse", "run"],
+        &["analyse", "run", "--samples-only", "--out", "part.parquet"],
+        &["explain", "run", "abs_rel", "plain/raw"],
+    ] {
+        let output = |frames: &str| {
+            let mut command = depthloom();
+            command.current_dir(folder).args(arguments).args(["--frames", frames]).output().expect("started")
+        };
+        let beyond = output("5..20");
+        let stderr = String::from_utf8_lossy(&beyond.stderr).split_whitespace().collect::<Vec<_>>().join(" ");
+        assert!(beyond.status.success() && stderr.contains(noted), "{arguments:?}: {stderr}");
+        let within = output("5..7");
+        assert!(!String::from_utf8_lossy(&within.stderr).contains("--frames"), "{arguments:?}");
+        let none = output("20..30");
+        assert_eq!(none.status.code(), Some(2), "{arguments:?}");
+    }
 }
 
 #[test]

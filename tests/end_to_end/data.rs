@@ -94,6 +94,48 @@ fn valid_data_pass_the_check() {
 }
 
 #[test]
+fn a_missing_baseline_and_whole_metres_of_8_bits_are_found() {
+    let rig = Rig::new();
+    let experiment = "experiment: own
+sources:
+  own:
+    kind: images
+    with:
+      root: pairs
+      left: \"cam0/*.png\"
+      calibration: { focal_px: 500 }
+      ground_truth: { files: \"truth/*.png\" }
+stages:
+  look:
+    source: own
+    nodes:
+      read: { kind: disparity/files, inputs: { image: source/left }, with: { files: \"pairs/truth/{frame}.png\" } }
+      depth: { kind: depth/from-disparity, inputs: { disparity: read/disparity, calibration: source/calibration } }
+    score: { ground_truth: source/depth, estimates: { read: { from: depth/depth } } }
+";
+    fs::write(rig.path("own.yaml"), experiment).expect("written");
+    for frame in 0..6 {
+        let file = rig.path(&format!("pairs/truth/{frame}.png"));
+        save(image::open(&file).expect("a map").into_luma8(), &file);
+    }
+    let output = rig.check(&[]);
+    assert_eq!(output.status.code(), Some(2));
+    let stderr = String::from_utf8_lossy(&output.stderr).split_whitespace().collect::<Vec<_>>().join(" ");
+    let baseline =
+        "its `calibration` is that of a single camera, and node `look.depth` (depth/from-disparity) needs a baseline";
+    assert!(stderr.contains(baseline) && stderr.contains("set `baseline_m`"), "{stderr}");
+    assert_eq!(stderr.matches("the ground truth has 8 bits and is read as whole metres").count(), 1, "{stderr}");
+    // A divisor states what the numbers are.
+    let stated = experiment
+        .replace("truth/*.png\" }", "truth/*.png\", divide_by: 3 }")
+        .replace("focal_px: 500", "focal_px: 500, baseline_m: 0.5");
+    fs::write(rig.path("own.yaml"), stated).expect("written");
+    let output = rig.check(&[]);
+    let stderr = String::from_utf8_lossy(&output.stderr);
+    assert!(!stderr.contains("8 bits") && !stderr.contains("baseline"), "{stderr}");
+}
+
+#[test]
 fn every_fault_of_the_data_is_reported_in_one_pass() {
     let rig = Rig::new();
     let pairs = |file: &str| rig.path("pairs").join(file);

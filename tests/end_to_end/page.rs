@@ -256,6 +256,18 @@ fn pages_of_partial_and_failed_runs_open_without_errors() {
 }
 
 #[test]
+fn the_page_without_intervals_says_how_to_get_them() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let run = folder.path().join("run");
+    let small = ["--set", "sources.street.with.width=320", "--set", "sources.street.with.height=96"];
+    succeed(depthloom().args(["run", "experiments/first-look.yaml", "--quiet", "--out"]).arg(&run).args(small));
+    let has_hint = |page: &Path| fs::read_to_string(page).expect("a page").contains("`depthloom report RUN --ci`");
+    assert!(has_hint(&run.join("report.html")));
+    succeed(depthloom().arg("report").arg(&run).arg("--ci"));
+    assert!(!has_hint(&run.join("report.html")));
+}
+
+#[test]
 fn no_page_and_open_control_the_page() {
     let folder = tempfile::tempdir().expect("a folder");
     let out = folder.path().join("look");

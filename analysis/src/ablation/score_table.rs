@@ -206,6 +206,10 @@ impl ScoreTable {
         })
     }
 
+    pub(crate) const fn has_intervals(&self) -> bool {
+        self.intervals.is_some()
+    }
+
     /// Describes the numbers in one line.
     pub(crate) fn about(&self) -> String {
         let zone = if self.zone.is_empty() { String::new() } else { format!("zone {}: ", self.zone) };

@@ -22,7 +22,7 @@ use super::{CompareOptions, ComparedRun, Side};
 use crate::error::{AnalysisError, caught};
 use crate::estimates::estimates;
 use crate::input::condition::recording_notes;
-use crate::query::Bins;
+use crate::query::{Bins, frames_of};
 use crate::samples::SamplesFile;
 use crate::statistics::{Interval, SignedRank, Statistic as FrameStatistic, holm};
 use crate::titles::Titles;
@@ -120,7 +120,13 @@ pub fn compare_by_distance(
         let all = runs.iter().map(|run| estimates(run.recording.plan())).collect::<Result<Vec<_>, _>>()?;
         let (_, parties) = parties(runs, &all, sides, options.selection.estimates.as_deref())?;
         let baseline = side::baseline(&parties, options, |_| Ok(None))?;
-        let files = samples.iter().map(|path| SamplesFile::open(path)).collect::<Result<Vec<_>, _>>()?;
+        let mut files = samples.iter().map(|path| SamplesFile::open(path)).collect::<Result<Vec<_>, _>>()?;
+        if let Some(choice) = &options.selection.frames {
+            for (file, run) in files.iter_mut().zip(runs) {
+                let frames = frames_of(run.recording, choice)?;
+                file.parts.retain(|part| part.is_selected(Some(&frames)));
+            }
+        }
         let bins = bins.cloned().unwrap_or(Bins::Width(WIDTH_M));
         let (mut pairs, mut notes) = (Vec::new(), Vec::new());
         let first = &parties[baseline];

@@ -3,7 +3,8 @@
 use std::collections::BTreeSet;
 
 use depthloom_graphs::contracts::FrameSelection;
-use depthloom_recording::RecordedFrame;
+use depthloom_graphs::plan::RunId;
+use depthloom_recording::{RecordedFrame, Recording};
 
 use crate::error::AnalysisError;
 
@@ -48,6 +49,18 @@ impl FrameChoice {
         }
     }
 
+    /// Describes the frames of a range that are before the first or after the last recorded number; `None` if it
+    /// ends within them.
+    fn beyond(&self, recorded: &BTreeSet<u64>) -> Option<String> {
+        let Self::Selection(FrameSelection::Range(range)) = self else { return None };
+        let (first, last) = (*recorded.first()?, *recorded.last()?);
+        // A run of every second frame ends one before its range does.
+        let step = recorded.iter().zip(recorded.iter().skip(1)).map(|(one, next)| next - one).min().unwrap_or(1);
+        let is_beyond = range.end > last.saturating_add(step) || range.start.saturating_add(step) <= first;
+        let known: Vec<(u64, &str)> = recorded.iter().map(|index| (*index, "")).collect();
+        is_beyond.then(|| FrameSelection::Available(range.clone()).left_out(&known)).flatten()
+    }
+
     /// The positions of the selected frames among `frames`, in the order of the selection.
     ///
     /// # Errors
@@ -90,6 +103,14 @@ impl FrameChoice {
     }
 }
 
+/// Describes the frames of a range that are before the first or after the last frame of a recording; `None` if it
+/// ends within them.
+#[must_use]
+pub fn frames_beyond(recording: &Recording, choice: &FrameChoice) -> Option<String> {
+    let runs = RunId::all(recording.plan().runs.len());
+    choice.beyond(&runs.flat_map(|run| recording.frames(run)).map(|frame| frame.index).collect())
+}
+
 /// Describes the available frames.
 fn span(frames: &[&RecordedFrame]) -> String {
     match frames {
@@ -105,6 +126,18 @@ fn span(frames: &[&RecordedFrame]) -> String {
 #[cfg(test)]
 mod tests {
     use super::{FrameChoice, FrameSelection};
+
+    #[test]
+    fn a_range_that_ends_within_the_last_step_is_not_beyond() {
+        let beyond = |text: &str| FrameChoice::parse(text).unwrap().beyond(&[150, 152, 154].into());
+        for within in ["150..155", "149..156", "152..154", "150,170", "150..170 available"] {
+            assert_eq!(beyond(within), None, "{within}");
+        }
+        let after = "of the frames 152 to 159, 6 of 8 do not exist: 2 are used, 152 to 154";
+        assert_eq!(beyond("152..160").as_deref(), Some(after));
+        assert!(beyond("140..153").is_some_and(|text| text.contains("2 are used, 150 to 152")));
+        assert_eq!(beyond("0..9"), None, "no frame is selected, which is an error");
+    }
 
     #[test]
     fn frames_are_named_by_number_range_or_id() {

@@ -22,8 +22,11 @@ pub(super) fn leading_metric(table: &ScoreTable) -> Option<usize> {
     LEADING.into_iter().find_map(place).or_else(|| (!table.metrics.is_empty()).then_some(0))
 }
 
+/// How to get intervals, which the page of a run does not have because they take time.
+const INTERVALS: &str = "Confidence intervals: `depthloom report RUN --ci` adds one to each metric of this table.";
+
 /// Adds to the data of the table: the leading metric, the order of rows with the best first, the verdict on each row,
-/// and what was tested.
+/// what was tested, and how to get intervals.
 ///
 /// # Errors
 /// [`AnalysisError::Stopped`] once `stop` returns true.
@@ -58,7 +61,11 @@ pub(super) fn add(
             compared.push(differences);
         }
     }
-    data["tested"] = json!(texts(metric, &compared));
+    let mut texts = texts(metric, &compared);
+    if !table.has_intervals() && table.rows.iter().any(|row| row.frames > 1) {
+        texts.push(INTERVALS.to_owned());
+    }
+    data["tested"] = json!(texts);
     Ok(())
 }
 

@@ -6,7 +6,7 @@ use super::job::{BinRow, BinnedErrors, Job, JobBins};
 use super::sums::Sums;
 use super::{By, Inquiry, SampleSet, Unit};
 use crate::samples::DescribedEstimate;
-use crate::tables::{Cells, Column, DIMENSIONLESS, Level, Rows, Table};
+use crate::tables::{Cells, Column, DIMENSIONLESS, Format, Level, Rows, Table};
 
 /// A row.
 struct Row<'a> {
@@ -135,10 +135,17 @@ pub(super) fn grid(jobs: &[Job<'_>], results: &[BinnedErrors], inquiry: &Inquiry
             by(inquiry),
             inquiry.outlier.words()
         ),
-        label: "errors".to_owned(),
+        label: label(jobs, inquiry),
         gaps,
         ..Table::new(columns)
     }
+}
+
+/// The LaTeX label: the experiment, the quantity of the bins, and the pixel sets if they are not the default.
+fn label(jobs: &[Job<'_>], inquiry: &Inquiry) -> String {
+    let experiment = jobs.first().map_or("", |job| job.file.described.experiment.as_str());
+    let sets = inquiry.sets.iter().filter(|_| inquiry.sets != [SampleSet::Valid]).map(|set| format!("-{}", set.name()));
+    format!("{experiment}-errors-by-{}{}", by(inquiry), sets.collect::<String>())
 }
 
 fn by(inquiry: &Inquiry) -> String {
@@ -181,7 +188,7 @@ fn bin_columns(rows: &[Row<'_>], inquiry: &Inquiry) -> Vec<Column> {
         let latex = unit.map_or(plain.to_owned(), |unit| format!("{plain} ({unit})"));
         let name = unit.map_or(name.to_owned(), |unit| format!("{name}_{unit}"));
         let decimals = if rows.iter().filter_map(cell).all(|edge| edge.fract() == 0.0) { 0 } else { 2 };
-        Column { unit, ..Rows(rows).number(name, cell).decimals(decimals).key().latex(latex) }
+        Column { unit, ..Rows(rows).number(name, cell).format(Format::Fixed(decimals)).key().latex(latex) }
     };
     vec![edge("bin_from", &|(from, _)| from), edge("bin_to", &|(_, to)| to)]
 }

@@ -24,7 +24,7 @@ pub(crate) struct Described {
     /// The key of the run's plan.
     run: String,
     /// The experiment's name.
-    experiment: String,
+    pub(crate) experiment: String,
     /// A key of the contents of the recording: its plan, and the keys of its frames.
     recording: String,
     /// The estimates, in the order of their columns.
@@ -85,6 +85,11 @@ impl Described {
     /// Whether the samples match the current state of the recording.
     pub(crate) fn matches(&self, recording: &Recording) -> bool {
         self.recording == content_key(recording)
+    }
+
+    /// States that frames of the recording are left out.
+    pub(super) fn set_incomplete(&mut self) {
+        self.recording.push_str(" in part");
     }
 
     /// Describes the samples of a recording, and lists the topics of the confidences.

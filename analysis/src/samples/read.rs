@@ -9,6 +9,7 @@ use polars::prelude::{ParallelStrategy, ParquetReader, SerReader, StringChunked}
 
 use super::described::{Described, FIXED};
 use crate::error::AnalysisError;
+use crate::query::FramesOfRun;
 
 /// The name of the metadata in the file.
 pub(super) const METADATA: &str = "depthloom.samples";
@@ -34,6 +35,13 @@ pub(crate) struct Part {
     /// The first row of the part.
     start: usize,
     pub(crate) rows: usize,
+}
+
+impl Part {
+    /// Whether its frame is selected; `None` selects all frames.
+    pub(crate) fn is_selected(&self, frames: Option<&FramesOfRun>) -> bool {
+        frames.is_none_or(|frames| frames.contains(&(self.stage.to_string(), self.position, self.frame.to_string())))
+    }
 }
 
 impl SamplesFile {

@@ -20,8 +20,10 @@ use polars::prelude::{
 
 use super::described::Described;
 use super::read::METADATA;
+use crate::ablation::{FrameSet, Selection, selected_frames};
 use crate::error::{AnalysisError, caught};
 use crate::estimates::{Estimate, estimates};
+use crate::input::frame_choice::FrameChoice;
 use crate::input::maps::{not_recorded, not_to_be_recorded, sparsely_kept};
 use crate::tables::plan_key;
 use crate::tables::{file_metadata, with_arrow_schema};
@@ -123,23 +125,31 @@ pub fn check_samples(plan: &Plan) -> Result<(), AnalysisError> {
     Err(AnalysisError::request(what, help.to_owned()))
 }
 
-/// Writes the samples of all recorded maps to a file atomically. `progress` is called with the number of finished
-/// frames, and their total; `stop` is polled between frames.
+/// Writes the samples of the recorded maps of all frames, or of the selected ones, to a file atomically. `progress` is
+/// called with the number of finished frames, and their total; `stop` is polled between frames.
 ///
-/// Only a few frames are in memory at a time. Equal recordings give equal files.
+/// Only a few frames are in memory at a time. Equal recordings give equal files. A file of selected frames
+/// [matches](crate::samples_match) no recording, so that no command takes it for the samples of a run.
 ///
 /// # Errors
-/// If the recording cannot be read, or no scored estimate has recorded maps ([`AnalysisError::Request`], with the
-/// outputs to add to `record:`); if the file cannot be written; [`AnalysisError::Stopped`] once `stop` returns true.
+/// If the recording cannot be read, a selected frame does not exist, or no scored estimate has recorded maps
+/// ([`AnalysisError::Request`], with the outputs to add to `record:`); if the file cannot be written;
+/// [`AnalysisError::Stopped`] once `stop` returns true.
 pub fn write_samples(
     recording: &Recording,
     file: &Path,
+    choice: Option<&FrameChoice>,
     progress: &dyn Fn(usize, usize),
     stop: &(dyn Fn() -> bool + Sync),
 ) -> Result<SamplesWritten, AnalysisError> {
     caught(|| {
         let estimates = depth_estimates(recording.plan())?;
-        let (described, topics) = Described::new(recording, &estimates);
+        let selection = Selection { frames: choice.cloned(), ..Selection::default() };
+        let selected = selected_frames(recording, &selection)?;
+        let (mut described, topics) = Described::new(recording, &estimates);
+        if selected.is_some() {
+            described.set_incomplete();
+        }
         let stage_maps = |run: RunId| {
             let name = recording.plan().runs[run].name();
             let weights = described.weights.iter().enumerate().filter(|(_, weight)| weight.stage == name);
@@ -160,7 +170,7 @@ pub fn write_samples(
         let mut written = SamplesWritten { samples: 0, frames: 0, estimates: estimates.len(), notes: Vec::new() };
         let mut failed = None;
         let result = depthloom_durable::write_with(file, |out| {
-            let all = Frames { recording, described: &described };
+            let all = Frames { recording, described: &described, selected: selected.as_ref() };
             match all.write(&runs, BufWriter::with_capacity(1 << 20, out), &mut written, progress, stop) {
                 Ok(()) => Ok(()),
                 Err(AnalysisError::Write { source, .. }) => Err(source),
@@ -187,6 +197,8 @@ type FrameTables = Result<Vec<DataFrame>, AnalysisError>;
 struct Frames<'a> {
     recording: &'a Recording,
     described: &'a Described,
+    /// The frames that are written; `None`: all.
+    selected: Option<&'a FrameSet>,
 }
 
 impl Frames<'_> {
@@ -208,15 +220,18 @@ impl Frames<'_> {
             .with_compression(ParquetCompression::Zstd(None))
             .with_key_value_metadata(Some(with_arrow_schema(metadata, empty.schema())));
         let mut writer = writer.batched(empty.schema()).map_err(computed())?;
-        let all = runs.iter().map(|run| self.recording.frames(run.run).len()).sum();
+        let positions = |run: RunId| -> Vec<FrameIndex> {
+            let all = FrameIndex::all(self.recording.frames(run).len());
+            all.filter(|at| self.selected.is_none_or(|selected| selected.contains(&(run, *at)))).collect()
+        };
+        let all = runs.iter().map(|run| positions(run.run).len()).sum();
         let (mut done, threads) = (0, thread::available_parallelism().map_or(1, NonZero::get));
         let budget = Budget::new(threads);
         let _own = budget.permit();
         for stage in runs {
             let idle: Mutex<Vec<FrameReader<'_>>> = Mutex::new(Vec::new());
-            let positions: Vec<FrameIndex> = FrameIndex::all(self.recording.frames(stage.run).len()).collect();
             // Enough frames per chunk that threads rarely wait for the writer.
-            for positions in positions.chunks(2 * threads) {
+            for positions in positions(stage.run).chunks(2 * threads) {
                 let tables: Vec<Mutex<Option<FrameTables>>> = positions.iter().map(|_| Mutex::new(None)).collect();
                 budget.run(positions.len(), &|tile| {
                     let table = caught(|| {

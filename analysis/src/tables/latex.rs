@@ -117,7 +117,7 @@ fn cell(cell: &TextCell, is_text: bool) -> String {
         Mark::Second => format!("\\underline{{{text}}}"),
         Mark::None => text,
     };
-    cell.suffix.as_ref().map_or_else(|| text.clone(), |suffix| format!("{text} {}", escaped(suffix)))
+    cell.suffix.as_ref().map_or_else(|| text.clone(), |suffix| format!("{text} {}", numbers(suffix)))
 }
 
 /// The width of columns under one heading, in digits, including the gap after each column.
@@ -150,6 +150,24 @@ fn escaped(text: &str) -> String {
         }
     }
     escaped
+}
+
+/// A text such as an interval, with minus signs in front of its numbers.
+fn numbers(text: &str) -> String {
+    let mut typeset = String::new();
+    let mut before = ' ';
+    for (at, letter) in text.char_indices() {
+        let is_minus = letter == '-'
+            && !before.is_alphanumeric()
+            && text[at + 1..].starts_with(|next: char| next.is_ascii_digit());
+        if is_minus {
+            typeset.push_str("$-$")
+        } else {
+            typeset.push_str(&escaped(letter.encode_utf8(&mut [0; 4])));
+        }
+        before = letter;
+    }
+    typeset
 }
 
 /// A typeset number: with a minus sign instead of a hyphen, and a dash for a missing number.

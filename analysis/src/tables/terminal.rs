@@ -2,11 +2,13 @@
 
 use std::collections::HashSet;
 
+use unicode_width::{UnicodeWidthChar as _, UnicodeWidthStr as _};
+
 use super::Table;
 use super::layout::{TextColumn, are_together, blocks};
 use crate::tables::best::Mark;
 
-/// The maximum length of a cell. The middle of longer texts is omitted, unless two texts would become equal.
+/// The maximum width of a cell. The middle of longer texts is omitted, unless two texts would become equal.
 const LONGEST: usize = 40;
 
 impl Table {
@@ -32,7 +34,7 @@ impl Table {
 fn push_block(table: &Table, block: &[&TextColumn], text: &mut String) {
     let groups: Vec<&[&TextColumn]> = block.chunk_by(|one, next| are_together(one, next)).collect();
     if block.iter().any(|column| !column.group.is_empty()) {
-        push_line(groups.iter().map(|group| format!("{:<1$}", group[0].group, group_width(group))), text);
+        push_line(groups.iter().map(|group| padded(&group[0].group, group_width(group), true)), text);
     }
     // If a heading is wider than the columns below it, the first column is widened.
     let widths: Vec<usize> = groups
@@ -42,17 +44,20 @@ fn push_block(table: &Table, block: &[&TextColumn], text: &mut String) {
             group.iter().enumerate().map(move |(place, column)| width(column) + if place == 0 { more } else { 0 })
         })
         .collect();
-    let padded = |(column, wide): (&&TextColumn, &usize), text: &str| {
-        if column.is_text { format!("{text:<wide$}") } else { format!("{text:>wide$}") }
-    };
     let columns = || block.iter().zip(&widths);
-    push_line(columns().map(|column| padded(column, &heading(column.0))), text);
+    push_line(columns().map(|(column, wide)| padded(&heading(column), *wide, column.is_text)), text);
     for row in 0..table.lines() {
         if row > 0 && table.gaps.contains(&row) {
             text.push('\n');
         }
-        push_line(columns().map(|column| padded(column, &cell(column.0, row))), text);
+        push_line(columns().map(|(column, wide)| padded(&cell(column, row), *wide, column.is_text)), text);
     }
+}
+
+/// A text of this width on a terminal, where letters of Chinese, Japanese and Korean are two columns wide.
+fn padded(text: &str, wide: usize, is_left: bool) -> String {
+    let padding = " ".repeat(wide.saturating_sub(text.width()));
+    if is_left { format!("{text}{padding}") } else { format!("{padding}{text}") }
 }
 
 /// Omits the middles of long texts, unless two texts would become equal.
@@ -82,7 +87,7 @@ fn cell(column: &TextColumn, row: usize) -> String {
 
 fn width(column: &TextColumn) -> usize {
     let cells = (0..column.cells.len()).map(|row| cell(column, row));
-    cells.chain([heading(column)]).map(|text| text.chars().count()).max().unwrap_or(0)
+    cells.chain([heading(column)]).map(|text| text.width()).max().unwrap_or(0)
 }
 
 fn columns_width(columns: &[&TextColumn]) -> usize {
@@ -91,14 +96,14 @@ fn columns_width(columns: &[&TextColumn]) -> usize {
 
 /// The width of columns under one heading.
 fn group_width(columns: &[&TextColumn]) -> usize {
-    columns_width(columns).max(columns[0].group.chars().count())
+    columns_width(columns).max(columns[0].group.width())
 }
 
 /// Appends a sentence, wrapped between words.
 fn push_words(sentence: &str, width: usize, text: &mut String) {
     let mut used = 0;
     for word in sentence.split(' ') {
-        let wide = word.chars().count();
+        let wide = word.width();
         if used > 0 && used + 1 + wide > width {
             text.push('\n');
             used = 0;
@@ -118,10 +123,19 @@ fn push_line(cells: impl Iterator<Item = String>, text: &mut String) {
 }
 
 fn shortened(text: &str) -> String {
-    let letters: Vec<char> = text.chars().collect();
-    if letters.len() <= LONGEST {
+    if text.width() <= LONGEST {
         return text.to_owned();
     }
     let half = LONGEST / 2;
-    letters[..half - 1].iter().chain(['…'].iter()).chain(&letters[letters.len() - half..]).collect()
+    // The letters that fit into a width.
+    let fitting = |letters: &mut dyn Iterator<Item = char>, wide: usize| -> Vec<char> {
+        let mut used = 0;
+        let fits = |letter: &char| {
+            used += letter.width().unwrap_or(0);
+            used <= wide
+        };
+        letters.take_while(fits).collect()
+    };
+    let (first, last) = (fitting(&mut text.chars(), half - 1), fitting(&mut text.chars().rev(), half));
+    first.iter().chain(['…'].iter()).chain(last.iter().rev()).collect()
 }

@@ -48,6 +48,29 @@ note: one row failed
 }
 
 #[test]
+fn columns_stay_aligned_with_letters_of_two_columns() {
+    let texts = ["融合した深度", "stereo", "e\u{301}tage"].map(|text| Some(text.to_owned()));
+    let rows = Rows(&[(0.1, 1), (0.2, 2), (0.3, 3)]);
+    let columns = vec![
+        Column::new("estimate", Cells::Text(texts.to_vec())).key(),
+        rows.number("abs_rel", |row| row.0),
+        rows.count("frames", |row| row.1),
+    ];
+    let text = Table::new(columns).terminal(110);
+    let expected = "\
+estimate      abs_rel  frames
+融合した深度    0.100       1
+stereo          0.200       2
+e\u{301}tage           0.300       3
+";
+    assert!(text.ends_with(expected), "{text}");
+    // A long text keeps 40 columns, not 40 letters.
+    let long = Column::new("estimate", Cells::Text(vec![Some("深".repeat(30)), Some("度".repeat(30))]));
+    let text = Table::new(vec![long]).terminal(110);
+    assert!(text.contains(&format!("\n{}…{}\n", "深".repeat(9), "深".repeat(10))), "{text}");
+}
+
+#[test]
 fn wide_tables_are_split_into_blocks_with_key_columns() {
     let text = table().terminal(34);
     let heads: Vec<&str> = text.lines().filter(|line| line.starts_with("block")).collect();
@@ -107,12 +130,13 @@ fn latex_tables_use_published_names_and_minus_signs() {
         Column::levels("min", ["-63", "a-b"].map(|level| Some(level.to_owned())), |row| row == 0),
         rows.metric(d1, |row| Some(row.0)).decimals(2).marked(vec![Mark::Best, Mark::None]),
         rows.number("difference", |row| row.1).decimals(2).marked(vec![Mark::Best, Mark::None]),
+        rows.text("interval", |row| format!("[{:+.2}, {:+.2}]", row.1 - 0.5, row.1 + 0.5)).in_text().joins(),
     ];
     let latex = Table::new(columns).latex();
     for part in [
         "min & D1 $\\downarrow$ & difference \\\\",
-        "$-$63 & \\textbf{0.50} & \\textbf{$-$0.12} \\\\",
-        "a-b & 0.25 & 0.12",
+        "$-$63 & \\textbf{0.50} & \\textbf{$-$0.12} [$-$0.62, +0.38] \\\\",
+        "a-b & 0.25 & 0.12 [$-$0.38, +0.62]",
     ] {
         assert!(latex.contains(part), "{part}: {latex}");
     }

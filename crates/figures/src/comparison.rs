@@ -1,15 +1,14 @@
 //! Series of estimates, compared: on which panel each is, and its colour and dashes.
 
-use crate::colours::tint;
+use crate::colours::{EstimateKey, Look, colour, looks, tint};
 use crate::drawing::{Colour, Fill, Stroke};
 use crate::plot::{Axis, Entry, Item, Panel, Sheet, Swatch};
 
 /// The width of a curve, points.
 pub const LINE_PT: f64 = 1.2;
-/// The dashes and shades of one method's variants, where all are on one panel: twelve lines. A shade is how far a
-/// colour goes towards white, or below zero towards black.
-const DASHES: [&[f64]; 4] = [&[], &[5.0, 1.5], &[2.0, 1.2], &[6.0, 1.5, 1.5, 1.5]];
-const SHADES: [f64; 3] = [0.0, -0.45, 0.45];
+/// The line styles where all series are on one panel.
+const DASHES: [&[f64]; 6] =
+    [&[], &[5.0, 1.5], &[2.0, 1.2], &[6.0, 1.5, 1.5, 1.5], &[9.0, 2.0], &[6.0, 1.2, 1.2, 1.2, 1.2, 1.2]];
 /// More filled curves than this hide each other.
 const MAX_FILLED: usize = 4;
 
@@ -80,22 +79,33 @@ impl Comparison<'_> {
         keys.into_iter().map(panel).collect()
     }
 
+    /// The colour of a series: that of its name, or on one panel that of its variant.
     pub(crate) fn tint(&self, at: usize) -> Colour {
-        tint(&self.names(), &self.0[at].name)
+        match self.1 {
+            Layout::Multiples => tint(&self.names(), &self.0[at].name),
+            Layout::Overlaid => colour(self.look(at).colour),
+        }
     }
 
-    /// The line of a series: on one panel with shades and dashes for variants of one name.
+    /// The line of a series: on one panel in the colour of its variant and in the line style of its name.
     pub(crate) fn stroke(&self, at: usize) -> Stroke {
         let stroke = Stroke::new(self.tint(at), LINE_PT);
-        if self.1 == Layout::Multiples {
-            return stroke;
+        match self.1 {
+            Layout::Multiples => stroke,
+            Layout::Overlaid => stroke.dashed(DASHES[self.look(at).dash % DASHES.len()]),
         }
-        let same_name = self.0.iter().filter(|place| place.name == self.0[at].name).map(|place| place.panel());
-        let place = distinct(same_name).iter().position(|panel| *panel == self.0[at].panel()).unwrap_or(0);
-        let share = SHADES[place % SHADES.len()];
-        let towards = if share < 0.0 { 0.0 } else { 255.0 };
-        let mix = |part: u8| (f64::from(part) + (towards - f64::from(part)) * share.abs()).round() as u8;
-        Stroke { colour: stroke.colour.map(mix), ..stroke }.dashed(DASHES[place % DASHES.len()])
+    }
+
+    /// The look of a series on one panel. Series of different runs differ as those of different variants do.
+    fn look(&self, at: usize) -> Look {
+        let panels: Vec<String> = self.0.iter().map(|place| place.panel()).collect();
+        let keys = self.0.iter().zip(&panels).map(|(place, panel)| EstimateKey {
+            stage: "",
+            name: &place.name,
+            variant: Some(panel.as_str()).filter(|panel| !panel.is_empty()),
+            is_shown: true,
+        });
+        looks(&keys.collect::<Vec<_>>())[at]
     }
 
     /// An entry for each name with words after it, or on one panel for each series.

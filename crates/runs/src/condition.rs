@@ -2,8 +2,11 @@
 
 use std::cmp::Ordering;
 use std::collections::BTreeSet;
+use std::path::Path;
 use std::str::FromStr;
+use std::sync::OnceLock;
 
+use depthloom_graphs::{Key, regular_file};
 use depthloom_recording::RecordedPlan;
 use serde_json::Value as Json;
 
@@ -16,6 +19,8 @@ pub struct Condition {
     pub path: String,
     comparison: Comparison,
     value: String,
+    /// The hash of the file that `value` names, or why it has no hash; computed if a run has a hash to compare it with.
+    content: OnceLock<Result<Key, String>>,
 }
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -58,15 +63,35 @@ impl FromStr for Condition {
         if path == "state" && !states.contains(&value) {
             return Err(format!("there is no state `{value}`; states are {}", states.join(", ")));
         }
-        Ok(Self { path: path.to_owned(), comparison, value: value.to_owned() })
+        Ok(Self { path: path.to_owned(), comparison, value: value.to_owned(), content: OnceLock::new() })
     }
 }
 
 impl Condition {
     /// Whether a value of the run fulfils the condition. `None` if the run has no such path.
-    pub fn holds(&self, glance: &Glance, plan: Option<&RecordedPlan>) -> Option<bool> {
+    ///
+    /// # Errors
+    /// If the run has the hash of a file, and the condition has neither a hash nor a file that can be read.
+    pub fn holds(&self, glance: &Glance, plan: Option<&RecordedPlan>) -> Result<Option<bool>, String> {
         let values = self.values(glance, plan);
-        (!values.is_empty()).then(|| values.iter().any(|value| self.is_true_of(value)))
+        let mut holds = (!values.is_empty()).then_some(false);
+        for value in &values {
+            if self.is_true_of(value)? {
+                holds = Some(true);
+            }
+        }
+        Ok(holds)
+    }
+
+    /// The hash that the value is, or that of the file that it names.
+    fn content(&self) -> Result<Key, String> {
+        let hash = || {
+            let read = || regular_file::open(Path::new(&self.value)).and_then(Key::of_reader);
+            Key::parse(&self.value).map_or_else(read, Ok).map_err(|error| {
+                format!("{} is stored as the hash of a file, and {} cannot be read: {error}", self.path, self.value)
+            })
+        };
+        self.content.get_or_init(hash).clone()
     }
 
     fn values(&self, glance: &Glance, plan: Option<&RecordedPlan>) -> Vec<Json> {
@@ -83,16 +108,25 @@ impl Condition {
         }
     }
 
-    fn is_true_of(&self, value: &Json) -> bool {
-        // A recording has the last name of a path.
-        let name = value.as_object().filter(|object| object.len() == 1).and_then(|object| object.get("name")?.as_str());
-        if let Some(name) = name {
-            let wanted = self.value.trim_end_matches('/').rsplit('/').next().unwrap_or_default();
+    fn is_true_of(&self, value: &Json) -> Result<bool, String> {
+        // A recording has the hash of a file, and the last name of another path.
+        let only = |key: &str| {
+            value.as_object().filter(|object| object.len() == 1).and_then(|object| object.get(key)?.as_str())
+        };
+        if let Some(content) = only("content").and_then(Key::parse) {
             return match self.comparison {
+                Comparison::Equal => Ok(content == self.content()?),
+                Comparison::Unequal => Ok(content != self.content()?),
+                _ => Ok(false),
+            };
+        }
+        if let Some(name) = only("name") {
+            let wanted = self.value.trim_end_matches('/').rsplit('/').next().unwrap_or_default();
+            return Ok(match self.comparison {
                 Comparison::Equal => name == wanted,
                 Comparison::Unequal => name != wanted,
                 _ => false,
-            };
+            });
         }
         let text = match value {
             Json::String(text) => text.clone(),
@@ -106,14 +140,14 @@ impl Condition {
             // Texts have no order here: only `!=` holds.
             _ => None,
         };
-        match self.comparison {
+        Ok(match self.comparison {
             Comparison::Equal => order == Some(Ordering::Equal),
             Comparison::Unequal => order != Some(Ordering::Equal),
             Comparison::Less => order == Some(Ordering::Less),
             Comparison::AtMost => matches!(order, Some(Ordering::Less | Ordering::Equal)),
             Comparison::Greater => order == Some(Ordering::Greater),
             Comparison::AtLeast => matches!(order, Some(Ordering::Greater | Ordering::Equal)),
-        }
+        })
     }
 }
 
@@ -176,18 +210,17 @@ fn add_params(prefix: &str, params: &Json, paths: &mut BTreeSet<String>) {
 mod tests {
     use serde_json::json;
 
-    use super::{Comparison, Condition};
+    use super::{Comparison, Condition, Key};
 
     fn holds(condition: &str, value: &serde_json::Value) -> bool {
-        condition.parse::<Condition>().expect("a condition").is_true_of(value)
+        condition.parse::<Condition>().expect("a condition").is_true_of(value).expect("it can be compared")
     }
 
     #[test]
     fn a_condition_has_a_path_an_operator_and_a_value() {
         let parsed: Condition = "look.stereo.with.block >= 5".parse().expect("a condition");
-        let expected =
-            Condition { path: "look.stereo.with.block".into(), comparison: Comparison::AtLeast, value: "5".into() };
-        assert_eq!(parsed, expected);
+        let parts = (parsed.path.as_str(), parsed.comparison, parsed.value.as_str());
+        assert_eq!(parts, ("look.stereo.with.block", Comparison::AtLeast, "5"));
         assert_eq!(
             "tag!=a=b".parse::<Condition>().map(|one| (one.comparison, one.value)),
             Ok((Comparison::Unequal, "a=b".into()))
@@ -208,5 +241,23 @@ mod tests {
         assert!(holds("x=/data/kitti/", &folder) && holds("x=kitti", &folder));
         assert!(!holds("x!=/data/kitti", &folder) && holds("x!=/data/other", &folder));
         assert!(holds("x!=a", &json!("b")) && !holds("x<b", &json!("a")));
+    }
+
+    #[test]
+    fn a_file_is_compared_by_its_content() {
+        let folder = tempfile::tempdir().expect("a folder");
+        let (same, other) = (folder.path().join("same.onnx"), folder.path().join("other.onnx"));
+        std::fs::write(&same, "network").expect("written");
+        std::fs::write(&other, "another network").expect("written");
+        let key = Key::of_content(b"network").to_string();
+        let stored = json!({ "content": key });
+        let condition = |sign: &str, value: &str| format!("learn.net.with.file{sign}{value}");
+        let [same, other] = [same, other].map(|file| file.display().to_string());
+        assert!(holds(&condition("=", &same), &stored) && !holds(&condition("=", &other), &stored));
+        assert!(holds(&condition("!=", &other), &stored) && !holds(&condition("!=", &same), &stored));
+        assert!(holds(&condition("=", &key), &stored), "the hash itself");
+        let missing = condition("=", "missing.onnx").parse::<Condition>().expect("a condition");
+        let error = missing.is_true_of(&stored).expect_err("there is no such file");
+        assert!(error.contains("learn.net.with.file is stored as the hash of a file, and missing.onnx cannot be read"));
     }
 }

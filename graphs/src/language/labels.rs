@@ -63,11 +63,19 @@ fn text(entry: &Entry, report: &mut Report) -> Option<String> {
         format!("is longer than {LONGEST} characters")
     } else if text.chars().any(char::is_control) {
         "contains a line break or another control character".to_owned()
+    } else if let Some(letter) = text.chars().find(changes_direction) {
+        format!("contains U+{:04X}, which changes the direction or the lines of the text around it", u32::from(letter))
     } else {
         return Some(text);
     };
     report.push(Diagnostic::error(entry.value_place(), format!("the label of `{}` {wrong}", entry.key)));
     None
+}
+
+/// Whether a character is invisible and changes the order of others, or ends a line: the terminal, a Markdown file and a
+/// page would show another text than the file.
+const fn changes_direction(letter: &char) -> bool {
+    matches!(*letter, '\u{61c}' | '\u{200e}' | '\u{200f}' | '\u{2028}'..='\u{202e}' | '\u{2066}'..='\u{2069}')
 }
 
 fn read_axes(section: &Entry, report: &mut Report) -> Vec<AxisLabels> {

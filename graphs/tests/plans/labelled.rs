@@ -45,6 +45,8 @@ fn wrong_labels_are_errors_and_labels_of_nothing_are_warnings() {
         ("labels: { estimates: { fused: a, stereo: a } }", "`fused` and `stereo` have the same label"),
         ("labels: { estimates: { fused: stereo } }", "`stereo` and `fused` would both be shown as `stereo`"),
         ("labels: { estimates: { fused: '' } }", "the label of `fused` is empty"),
+        ("labels: { estimates: { fused: \"a\\u202Eb\" } }", "the label of `fused` contains U+202E"),
+        ("labels: { variants: { base: \"\\u2067a\" } }", "the label of `base` contains U+2067"),
         ("labels: { estimates: { fused: [a] } }", "`fused` must be text"),
         ("labels: { axes: { size: { title: a } } }", "label"),
     ] {

@@ -283,7 +283,7 @@ infinite or NaN are unknown. The depth of a disparity `d` is `f * B / (d + doffs
                     "ground truth must belong to the rectified left image: set `ground_truth: { of: rectified }` if it does, otherwise remove `truth`",
                 ));
             }
-            let numbers = self.truth_numbers(file)?;
+            let numbers = self.truth_numbers(file, ctx)?;
             files.same_size_as_left(size, file, numbers.dimensions())?;
             let numbers = self.truth.numbers(&numbers);
             if self.truth.unit == TruthUnit::Pixels {
@@ -462,7 +462,7 @@ impl Images {
         }
     }
 
-    fn truth_numbers(&self, file: &File) -> Result<Raster<f32>, Fault> {
+    fn truth_numbers(&self, file: &File, ctx: &Context<'_>) -> Result<Raster<f32>, Fault> {
         let (numbers, bits) = files::numbers(&file.path, &file.bytes, None)?;
         if bits == 8 && self.truth.is_of_more_bits() {
             let most = 255.0 / self.truth.divide_by;
@@ -471,6 +471,9 @@ impl Images {
                 "expected 16 bits: an image tool may have saved the file with 8 bits; use the original file, or describe its numbers \
                  with `ground_truth.unit` and `ground_truth.divide_by`",
             ));
+        }
+        if let Some(warning) = self.truth.warning_of_8_bits().filter(|_| bits == 8) {
+            ctx.host.warn(warning);
         }
         Ok(numbers)
     }

@@ -12,6 +12,7 @@ use super::samples::samples;
 use crate::args::AnalyseArgs;
 use crate::output::delivery::Delivery;
 use crate::output::progress::bar;
+use crate::results::frames::note_frames_beyond;
 use crate::results::samples::{is_samples, samples_of};
 use crate::signals;
 
@@ -76,8 +77,10 @@ pub(crate) fn analyse(args: &AnalyseArgs) -> Result<ExitCode, CliError> {
     bar.finish_and_clear();
     let (mut found, run) = found.map_err(failed)?;
     found.show_labels(&recordings);
+    found.typeset(&args.typesetting.typesetting());
     found.add_notes(recordings.iter().flat_map(recording_notes));
     delivery.warn_of_condition(&recordings);
+    note_frames_beyond(&recordings, args.frames.as_ref());
     let read: Vec<&Path> = files.iter().map(|(_, file)| file.as_path()).collect();
     delivery.answer::<Analyse>(&found, &run, &read)?;
     Ok(end(&recordings))

@@ -15,6 +15,7 @@ use crate::args::{CompareArgs, CompareBy, PixelsOption, RunsFolder, TableFormat}
 use crate::output;
 use crate::output::delivery::Delivery;
 use crate::output::diagnostics::{Error, print_stop};
+use crate::results::frames::note_frames_beyond;
 use crate::results::samples::samples_of;
 use crate::signals;
 
@@ -77,6 +78,7 @@ pub(crate) fn compare(args: &CompareArgs) -> Result<ExitCode, CliError> {
     };
     let recordings: Vec<&Path> = opened.runs.iter().map(|(_, recording)| recording.path()).collect();
     delivery.warn_of_condition(opened.runs.iter().map(|(_, recording)| recording));
+    note_frames_beyond(opened.runs.iter().map(|(_, recording)| recording), args.scores.frames.as_ref());
     delivery.deliver(&bytes, &recordings)?;
     let exit = end(opened.runs.iter().map(|(_, recording)| recording));
     let Some(stop) = faulty else { return Ok(exit) };
@@ -113,6 +115,7 @@ fn by_distance(
     let recordings: Vec<&Path> = runs.iter().map(|run| run.recording.path()).collect();
     let json = || output::text(&compared.output());
     delivery.warn_of_condition(runs.iter().map(|run| run.recording));
+    note_frames_beyond(runs.iter().map(|run| run.recording), args.scores.frames.as_ref());
     delivery.table(&compared.table, TERMINAL_WIDTH, &compared.key, &recordings, json)?;
     Ok(end(runs.iter().map(|run| run.recording)))
 }

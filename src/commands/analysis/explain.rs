@@ -5,6 +5,7 @@ use depthloom_terminal::{CliError, ExitCode, print};
 
 use crate::args::{ExplainArgs, PixelsOption};
 use crate::output;
+use crate::results::frames::note_frames_beyond;
 use crate::signals;
 
 /// Prints how a metric of an estimate was computed.
@@ -22,6 +23,7 @@ pub(crate) fn explain(args: &ExplainArgs) -> Result<ExitCode, CliError> {
     let stop = || interrupt.stops_admission();
     let explanation = depthloom_analysis::explain(&recording, &args.metric, &args.estimate, &selection, &stop);
     let explanation = explanation.map_err(failed)?;
+    note_frames_beyond([&recording], args.scores.frames.as_ref());
     if args.output.json {
         output::print(&explanation)?;
     } else {

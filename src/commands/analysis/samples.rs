@@ -10,6 +10,7 @@ use serde::Serialize;
 use crate::args::AnalyseArgs;
 use crate::output;
 use crate::output::delivery::can_be_written;
+use crate::results::frames::note_frames_beyond;
 use crate::results::samples::{folder_of, write};
 use crate::signals;
 
@@ -31,6 +32,10 @@ pub(crate) fn samples(args: &AnalyseArgs) -> Result<ExitCode, CliError> {
         let what = format!("--samples-only needs one run, and {} were given", args.runs.len());
         return Err(CliError::usage(what, "write the samples of one run after the other"));
     };
+    if args.frames.is_some() && args.output.out.is_none() {
+        let what = "`--samples-only` with `--frames` needs --out: samples.parquet in a run's folder has all frames";
+        return Err(CliError::usage(what, "name a file with `--out FILE.parquet`"));
+    }
     let path = args.folder.recording(run, "analyse --samples-only")?;
     let out = match &args.output.out {
         Some(out) => {
@@ -46,7 +51,8 @@ pub(crate) fn samples(args: &AnalyseArgs) -> Result<ExitCode, CliError> {
     let interrupt = signals::listen("stopping: no file is written")?;
     let _lock = run_folder::lock_if_run(folder_of(&out))?;
     let recording = open_frames(&path)?;
-    let written = write(&recording, &out, args.quiet || args.output.json, &interrupt)?;
+    let written = write(&recording, &out, args.frames.as_ref(), args.quiet || args.output.json, &interrupt)?;
+    note_frames_beyond([&recording], args.frames.as_ref());
     if args.output.json {
         output::print(&Samples {
             file: out.to_string_lossy().into_owned(),

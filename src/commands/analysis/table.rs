@@ -9,6 +9,7 @@ use depthloom_terminal::{CliError, ExitCode, say};
 
 use crate::args::{PixelsOption, RowsOption, TableArgs};
 use crate::output::delivery::Delivery;
+use crate::results::frames::note_frames_beyond;
 use crate::signals;
 
 /// Prints a table of a run's metrics, or writes it to a file.
@@ -46,6 +47,7 @@ pub(crate) fn table(args: &TableArgs) -> Result<ExitCode, CliError> {
     let mut table = table.map_err(failed)?;
     table.typeset(&args.typesetting.typesetting());
     delivery.warn_of_condition([&recording]);
+    note_frames_beyond([&recording], args.scores.frames.as_ref());
     delivery.answer::<TableOutput>(&table, &plan_key(recording.plan()), &[&path])?;
     Ok(end([&recording]))
 }
@@ -84,6 +86,7 @@ fn leaderboard(args: &TableArgs, delivery: &Delivery<'_>) -> Result<ExitCode, Cl
     table.typeset(&args.typesetting.typesetting());
     let recording_paths: Vec<&Path> = paths.iter().map(std::path::PathBuf::as_path).collect();
     delivery.warn_of_condition(&recordings);
+    note_frames_beyond(&recordings, args.scores.frames.as_ref());
     delivery.answer::<TableOutput>(&table, &plan_key(recordings[0].plan()), &recording_paths)?;
     Ok(end(&recordings))
 }

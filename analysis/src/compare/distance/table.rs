@@ -36,8 +36,9 @@ pub(super) fn comparison(
         .iter()
         .map(|pair| format!("{} compared with {}", pair.estimates[1].title, pair.estimates[0].title))
         .collect();
+    let selected = if options.selection.frames.is_some() { " of the selected frames" } else { "" };
     let about = format!(
-        "absolute error by ground-truth distance, metres, {}: pixels that are valid in both; interval of the difference: {}; p_holm: Wilcoxon signed rank over \
+        "absolute error by ground-truth distance, metres, {}: pixels{selected} that are valid in both; interval of the difference: {}; p_holm: Wilcoxon signed rank over \
          frames, two-sided, corrected for the bins of a statistic; verdict: p_holm below {} and an interval without 0",
         titles.join(", "),
         resampling.about(),

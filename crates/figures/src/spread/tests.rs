@@ -51,7 +51,7 @@ fn every_variant_has_a_panel_with_what_all_variants_share() {
     assert_eq!([panels[0].items.len(), panels[1].items.len()], [2 + 3 + 3, 2 + 2 + 2]);
     let overlaid = Comparison(all.0.clone(), Layout::Overlaid);
     assert_eq!(overlaid.panels().len(), 1);
-    assert!(!overlaid.stroke(3).dashes.is_empty(), "the second variant's line differs from the first's");
+    assert_ne!(overlaid.stroke(3).colour, overlaid.stroke(1).colour, "the variants of mono differ");
 }
 
 /// The top of the error's axis.

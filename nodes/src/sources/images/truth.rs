@@ -65,6 +65,14 @@ impl ImagesTruth {
         self.divide_by >= 256.0 || self.unit == TruthUnit::Millimetres
     }
 
+    /// The warning for files of 8 bits: they hold whole metres, unless their numbers have another meaning.
+    pub(crate) fn warning_of_8_bits(&self) -> Option<&'static str> {
+        (self.unit == TruthUnit::Metres && self.divide_by == 1.0).then_some(
+            "the ground truth has 8 bits and is read as whole metres, at most 255 m: if its numbers are disparities, \
+             millimetres or scaled, set `ground_truth.unit` and `ground_truth.divide_by`",
+        )
+    }
+
     /// Metres or pixels; NaN for values that are not positive and finite.
     pub(crate) fn numbers(&self, numbers: &Raster<f32>) -> Raster<f32> {
         let divisor = match self.unit {

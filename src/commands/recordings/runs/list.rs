@@ -56,7 +56,10 @@ fn selected(runs: Vec<FoundRun>, conditions: &[Condition]) -> Result<Vec<(FoundR
     let (mut chosen, any) = (Vec::new(), !runs.is_empty());
     for run in runs.into_iter().rev() {
         let (glance, plan) = Glance::with_plan(&run);
-        let holds: Vec<_> = conditions.iter().map(|condition| condition.holds(&glance, plan.as_ref())).collect();
+        let holds = conditions.iter().map(|condition| condition.holds(&glance, plan.as_ref()));
+        let holds = holds
+            .collect::<Result<Vec<_>, _>>()
+            .map_err(|what| CliError::usage(what, "write the path of a file that exists"))?;
         is_known.iter_mut().zip(&holds).for_each(|(is_known, holds)| *is_known |= holds.is_some());
         if holds.iter().all(|holds| *holds == Some(true)) {
             chosen.push((run, glance));
