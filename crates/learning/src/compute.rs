@@ -1,8 +1,8 @@
 //! Networks computed: maps of a batch, and gradients of the parameters.
 //!
 //! On the CPU by operations of our own ([`cpu`]): each image goes through the whole network on one thread, in memory
-//! that the steps share, layer by layer where the layer before has left its output. On a GPU by burn ([`library`]), which
-//! is the reference of the tests too.
+//! that the steps share; a layer reads its input where the layer before has left it. On a GPU by burn ([`library`]),
+//! which is the reference of the tests too.
 
 #[cfg(any(test, not(feature = "gpu")))]
 mod cpu;

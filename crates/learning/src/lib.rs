@@ -4,8 +4,9 @@
 //! (`ssl`: `learn/ssl`) and writes an ONNX file (`onnx`) that `mono/onnx` runs. Each network is described once, for
 //! training and for export (`networks`).
 //!
-//! - Gradients are computed by operations of our own (`compute`), one image a thread. Their kernels read images as lines
-//!   with zeros between rows, so that a convolution is a sum of shifted lines (`crates/kernels/src/filter/convolve`).
+//! - Gradients are computed by operations of our own (`compute`), one image a thread. Their kernels read images as
+//!   lines with zeros between rows, so that a convolution is a sum of shifted lines
+//!   (`crates/kernels/src/filter/convolve`).
 //! - The same bits with any number of workers and after any kill: randomness is a function of seed and step, gradients
 //!   are added in the order of the images, and the pool of threads is no wider than the run's workers.
 //! - A checkpoint is a file with a checksum. The runner names it by the key of the values that it leads to, and locks

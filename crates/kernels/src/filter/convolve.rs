@@ -1,7 +1,7 @@
 //! The layers of networks, forward and backward, one image at a time.
 //!
 //! [`Same`] (odd kernel, stride 1, size kept), [`Strided`] (any stride), [`Double`] (4x4 transposed, stride 2, size
-//! doubled) and [`Dense`], as PyTorch defines them, bias and ReLU included, and [`halve`]. Images are f32 and lie in
+//! doubled) and [`Dense`], as PyTorch defines them, bias and ReLU included, and [`halve`]. Images are f32 in
 //! [`Planes`]: lines with zeros between the rows, so that a layer reads the output of the one before where it lies. A
 //! call works on one thread; a batch is spread by giving each thread its images and its [`LayerScratch`]. A gradient of
 //! weights is one image's share: the caller adds the shares in the order of the images, so that no result depends on

@@ -2,7 +2,9 @@
 
 use std::sync::Mutex;
 
-use depthloom_kernels::convolve::{Gradients, ImageGradient, LayerScratch, before_activation, halve, halve_back};
+use depthloom_kernels::convolve::{
+    Gradients, ImageGradient, LayerScratch, Planes, before_activation, halve, halve_back,
+};
 use depthloom_kernels::simd::Level;
 use depthloom_threads::locked;
 use rayon::prelude::*;
@@ -58,8 +60,8 @@ impl<'a, A: Architecture> Engine<'a, A> {
         self.forward(input, parameters, false)
     }
 
-    /// The maps of a batch, and the gradients of the learned parameters for the gradient of the maps that `slopes` makes
-    /// of them.
+    /// The maps of a batch, and the gradients of the learned parameters for the gradient of the maps that `slopes`
+    /// makes of them.
     pub(crate) fn gradients<T>(
         &mut self,
         input: &Input,
@@ -94,7 +96,7 @@ impl<'a, A: Architecture> Engine<'a, A> {
             let buffers = plan.buffers.iter().map(|&samples| vec![0.0; samples]).collect();
             images.push(ImageValues { buffers, shares: Vec::new() });
         }
-        let area: usize = plan.maps.iter().map(|map| map.planes.width() * map.planes.height()).sum();
+        let area: usize = plan.maps.iter().map(Place::len).sum();
         let mut maps = vec![0.0; batch * area];
         let places = maps.par_chunks_exact_mut(area).zip(input.values.par_chunks_exact(planes * height * width));
         places.zip(images).with_max_len(1).for_each(|((maps, samples), image)| {
@@ -107,7 +109,7 @@ impl<'a, A: Architecture> Engine<'a, A> {
             });
             let mut rest = maps;
             for map in &plan.maps {
-                let (to, others) = rest.split_at_mut(map.planes.width() * map.planes.height());
+                let (to, others) = rest.split_at_mut(map.len());
                 map.planes.collect(&image.buffers[map.buffer][map.samples()], to);
                 rest = others;
             }
@@ -141,7 +143,7 @@ impl<'a, A: Architecture> Engine<'a, A> {
                     }
                     let mut rest = slopes;
                     for map in &plan.maps {
-                        let (from, others) = rest.split_at(map.planes.width() * map.planes.height());
+                        let (from, others) = rest.split_at(map.len());
                         map.planes.spread(from, &mut worker.slopes[map.buffer][map.samples()]);
                         rest = others;
                     }
@@ -162,10 +164,10 @@ impl<'a, A: Architecture> Engine<'a, A> {
                 }
             }
         });
-        let of = |(start, parameter): (&Option<usize>, &Parameter)| {
+        let gradient = |(start, parameter): (&Option<usize>, &Parameter)| {
             start.map(|start| sum[start..][..parameter.len()].to_vec())
         };
-        starts.iter().zip(&layout.parameters).map(of).collect()
+        starts.iter().zip(&layout.parameters).map(gradient).collect()
     }
 }
 
@@ -193,8 +195,8 @@ impl Operation {
         match &self.kind {
             Kind::Layer { layer, weights, .. } => layer.forward(level, x, &parameters[weights + 1], out, scratch),
             Kind::Halve => halve(level, &self.x.planes, x, out),
-            Kind::Sigmoid => each_sample(&self.out, x, out, |out, x| *out = sigmoid(x)),
-            Kind::AsMap => same_samples([&self.x, &self.out], x, out, false),
+            Kind::Sigmoid => each_sample(&self.out.planes, x, out, sigmoid),
+            Kind::AsMap => same_samples([&self.x.planes, &self.out.planes], x, out, false),
         }
     }
 
@@ -237,39 +239,37 @@ impl Operation {
             (_, None) => {}
             (Kind::Halve, Some(mut gradient)) => halve_back(level, &self.x.planes, x, out, slopes, &mut gradient),
             (Kind::Sigmoid, Some(gradient)) => {
-                let planes = &self.out.planes;
-                for (at, gradient) in gradient.planes.iter_mut().enumerate().take(out.len()) {
-                    // Between the rows the slope is 0.
-                    let of_x = slopes[at] * out[at] * (1.0 - out[at]);
-                    *gradient = if self.gradient == Some(true) { *gradient + of_x } else { of_x };
+                // Between the rows the slopes are 0.
+                let of_x = slopes.iter().zip(out).map(|(slope, out)| slope * out * (1.0 - out));
+                for (sample, of_x) in gradient.planes.iter_mut().zip(of_x) {
+                    *sample = if gradient.add { *sample + of_x } else { of_x };
                 }
-                debug_assert_eq!(out.len() % planes.plane(), 0);
             }
             (Kind::AsMap, Some(gradient)) => {
-                same_samples([&self.out, &self.x], slopes, gradient.planes, gradient.add);
+                same_samples([&self.out.planes, &self.x.planes], slopes, gradient.planes, gradient.add);
             }
         }
     }
 }
 
-/// `f(to, from)` of every sample.
-fn each_sample(place: &Place, from: &[f32], to: &mut [f32], f: impl Fn(&mut f32, f32)) {
-    let mut samples = vec![0.0; place.channels.len() * place.planes.width() * place.planes.height()];
-    place.planes.collect(from, &mut samples);
-    samples.iter_mut().for_each(|sample| f(sample, *sample));
-    place.planes.spread(&samples, to);
+/// `f` of every sample; the zeros between the rows stay.
+fn each_sample(planes: &Planes, from: &[f32], to: &mut [f32], f: impl Fn(f32) -> f32) {
+    let mut samples = vec![0.0; from.len() / planes.plane() * planes.width() * planes.height()];
+    planes.collect(from, &mut samples);
+    samples.iter_mut().for_each(|sample| *sample = f(*sample));
+    planes.spread(&samples, to);
 }
 
-/// Copies or adds the samples of one place to another, which has as many.
-fn same_samples([source, target]: [&Place; 2], from: &[f32], to: &mut [f32], add: bool) {
-    let mut samples = vec![0.0; source.channels.len() * source.planes.width() * source.planes.height()];
-    source.planes.collect(from, &mut samples);
+/// Copies or adds the samples of planes to others, which have as many.
+fn same_samples([source, target]: [&Planes; 2], from: &[f32], to: &mut [f32], add: bool) {
+    let mut samples = vec![0.0; from.len() / source.plane() * source.width() * source.height()];
+    source.collect(from, &mut samples);
     if add {
         let mut before = samples.clone();
-        target.planes.collect(to, &mut before);
+        target.collect(to, &mut before);
         samples.iter_mut().zip(before).for_each(|(sample, before)| *sample += before);
     }
-    target.planes.spread(&samples, to);
+    target.spread(&samples, to);
 }
 
 /// `1 / (1 + exp(-x))` without overflow.

@@ -30,8 +30,8 @@ impl<'a, A: Architecture> Engine<'a, A> {
         host(&forward(self.network, &images(input, &self.device), &parameters))
     }
 
-    /// The maps of a batch, and the gradients of the learned parameters for the gradient of the maps that `slopes` makes
-    /// of them.
+    /// The maps of a batch, and the gradients of the learned parameters for the gradient of the maps that `slopes`
+    /// makes of them.
     pub(crate) fn gradients<T>(
         &mut self,
         input: &Input,

@@ -92,9 +92,14 @@ pub(super) struct Place {
 }
 
 impl Place {
-    /// Where its planes lie in the buffer.
+    /// The samples of its planes in the buffer.
     pub(super) fn samples(&self) -> Range<usize> {
         self.channels.start * self.planes.plane()..self.channels.end * self.planes.plane()
+    }
+
+    /// The number of its samples without the zeros between the rows.
+    pub(super) fn len(&self) -> usize {
+        self.channels.len() * self.planes.width() * self.planes.height()
     }
 }
 

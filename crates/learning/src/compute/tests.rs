@@ -26,14 +26,14 @@ fn parameters(layout: &ParameterLayout) -> Vec<Vec<f32>> {
     parameters
 }
 
-type Found = (Vec<Option<Vec<f32>>>, Vec<f32>);
+type GradientsAndMaps = (Vec<Option<Vec<f32>>>, Vec<f32>);
 
 /// Gradients and maps; the slopes are noise.
 fn with_noise(maps: &[f32]) -> (Vec<f32>, Vec<f32>) {
     (noise(5, maps.len()).into_iter().map(|slope| slope - 0.5).collect(), maps.to_vec())
 }
 
-fn on_cpu(network: impl Architecture, layout: &ParameterLayout, count: usize) -> Found {
+fn on_cpu(network: impl Architecture, layout: &ParameterLayout, count: usize) -> GradientsAndMaps {
     cpu::Engine::new(network, layout).gradients(&batch(network, count), &parameters(layout), with_noise)
 }
 

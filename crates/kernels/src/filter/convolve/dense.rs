@@ -5,8 +5,8 @@ use super::product::{Dots, Finish, Product, pack};
 use super::{Activation, Gradients, Layer, LayerScratch, room};
 use crate::simd::{LANES, Level};
 
-/// `out[o] = act(bias[o] + sum over i of weights[o][i] * in[i])`: PyTorch's `flatten` and `linear`. The output is a map of
-/// one sample a channel. The image's samples are a multiple of 16. Weights are outputs x inputs.
+/// `out[o] = act(bias[o] + sum over i of weights[o][i] * in[i])`: PyTorch's `flatten` and `linear`. The output is a map
+/// of one sample a channel. The image's samples are a multiple of 16. Weights are outputs x inputs.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Dense {
     /// Channels in.

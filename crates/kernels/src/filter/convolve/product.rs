@@ -92,7 +92,7 @@ impl LanesPass for Product<'_> {
             for (row, height) in heights(self.rows, most) {
                 let mut p = span;
                 while p < end {
-                    let step = if end - p >= wide * LANES { wide } else { 1 };
+                    let step = wide.min((end - p) / LANES);
                     let finish = match self.finish {
                         Finish::Bias(bias) => Finish::Bias(&bias[row..row + height]),
                         Finish::BiasRelu(bias) => Finish::BiasRelu(&bias[row..row + height]),
@@ -106,12 +106,16 @@ impl LanesPass for Product<'_> {
                         let out = self.out.as_mut_ptr().add(row * self.stride + p);
                         match (height, step) {
                             (8, 3) => tile::<L, 8, 3>(weights, self.offsets, source, out, self.stride, finish),
+                            (8, 2) => tile::<L, 8, 2>(weights, self.offsets, source, out, self.stride, finish),
                             (8, _) => tile::<L, 8, 1>(weights, self.offsets, source, out, self.stride, finish),
                             (4, 3) => tile::<L, 4, 3>(weights, self.offsets, source, out, self.stride, finish),
+                            (4, 2) => tile::<L, 4, 2>(weights, self.offsets, source, out, self.stride, finish),
                             (4, _) => tile::<L, 4, 1>(weights, self.offsets, source, out, self.stride, finish),
                             (2, 3) => tile::<L, 2, 3>(weights, self.offsets, source, out, self.stride, finish),
+                            (2, 2) => tile::<L, 2, 2>(weights, self.offsets, source, out, self.stride, finish),
                             (2, _) => tile::<L, 2, 1>(weights, self.offsets, source, out, self.stride, finish),
                             (_, 3) => tile::<L, 1, 3>(weights, self.offsets, source, out, self.stride, finish),
+                            (_, 2) => tile::<L, 1, 2>(weights, self.offsets, source, out, self.stride, finish),
                             (_, _) => tile::<L, 1, 1>(weights, self.offsets, source, out, self.stride, finish),
                         }
                     }

@@ -1,4 +1,4 @@
-//! Convolution of any stride: the image is unfolded, one line a tap.
+//! Convolution of any stride: the image is unfolded into one line per tap.
 
 use super::planes::Planes;
 use super::product::{Dots, Product, pack};

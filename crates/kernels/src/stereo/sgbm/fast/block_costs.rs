@@ -1,7 +1,7 @@
 //! Block costs of rows from pixel costs, and the path to the right, which goes over them in the same pass.
 //!
-//! Two neighbouring rows go together: their blocks have all but two rows of pixels in common, and each path waits for
-//! its pixel's minimum while the other goes on.
+//! Two neighbouring rows are computed together: their blocks share all rows of pixels except two, and each path waits
+//! for its pixel's minimum while the other continues.
 
 use super::along::{Fixed, advance};
 use super::lanes::Lanes;
@@ -80,7 +80,7 @@ struct Columns<'a, const ROWS: usize> {
     /// The last columns, in a ring of `end` values.
     window: [*mut i16; ROWS],
     end: usize,
-    /// How many columns there are already, and where the next lies in the ring.
+    /// The number of columns that are made, and the place of the next in the ring.
     made: usize,
     place: usize,
 }
@@ -155,7 +155,7 @@ unsafe fn along<L: Lanes, const ROWS: usize, const BYTES: bool, P: AsMut<[L::V]>
                 L::store(cost[r].add(at), sum);
             }
         }
-        // Where the columns lie in the ring that enter and leave the block with the next column.
+        // The places in the ring of the columns that enter and leave the block with the next column.
         let (mut enters, mut leaves) = (radius.min(last) * d, 0);
         for x in 0..=last {
             if x > 0 {
