@@ -46,11 +46,14 @@ pub(crate) fn report(args: &ReportArgs) -> Result<ExitCode, CliError> {
     }
     let intervals = args.ci.map(|confidence| Resampling { confidence, ..Resampling::default() });
     let options = ReportOptions { paper: args.paper, intervals, check_every_byte: true, ..ReportOptions::default() };
-    let report = analyse(&recording, &out, &options, Prepared::default(), &interrupt)?;
+    // What an earlier report of the same maps computed is reused, as a run reuses that of earlier runs. Every byte is
+    // still checked.
+    let of_run = path.parent().unwrap_or(Path::new("."));
+    let prepared = Prepared { reports: vec![of_run.to_owned()], ..Prepared::default() };
+    let report = analyse(&recording, &out, &options, prepared, &interrupt)?;
     let tables_written = |stop: CliError| stop.also(format!("tables and plots were written to {}", out.display()));
     models::write(&recording, &out).map_err(tables_written)?;
     if !args.page.no_page {
-        let of_run = path.parent().unwrap_or(Path::new("."));
         page::write(&recording, &out, &report, &page::surroundings(of_run), args.output.json, &interrupt)
             .map_err(tables_written)?;
     }
