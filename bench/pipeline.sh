@@ -1,6 +1,6 @@
 #!/usr/bin/env bash
 # The whole golden experiment, ours and the peer's (OpenCV, NumPy, MCAP and pandas in Python), in turn on the same frames.
-# Prints both sides' phases and lines `ratio NAME VALUE` (theirs / ours; over 1, we are faster).
+# Prints both sides' phases, the CPU time and the share of the page, and lines `ratio NAME VALUE` (theirs / ours; over 1, we are faster).
 #
 #   bench/pipeline.sh [ROUNDS] [--model] [--forty] [--one]     needs ../shared (or DEPTHLOOM_SHARED); --model: a network as mono estimate;
 #                                                              --forty: frames 1..=40 instead of 150..=155; --one: frame 150 alone
@@ -40,7 +40,9 @@ fi
 for round in $(seq "$rounds"); do
   # Four variants, as the peer runs them; the golden experiment has a fifth.
   timed "$programs/depthloom" run "$experiment" --set "sources.test.with.frames=$first..=$last" --quiet --fresh --overwrite --workers 2 --out "$work/ours" >/dev/null
-  echo "$wall_s" >"$work/ours.$round"
+  echo "$wall_s $cpu_s" >"$work/ours.$round"
+  timed "$programs/depthloom" run "$experiment" --set "sources.test.with.frames=$first..=$last" --quiet --fresh --overwrite --no-page --workers 2 --out "$work/ours" >/dev/null
+  echo "$wall_s $cpu_s" >"$work/without.$round"
   mkdir -p "$work/theirs"
   "$venv/bin/python" "$shared/oracle/peer_pipeline.py" "$KITTI_STEREO_2015/training" "$work/theirs" \
     --first "$first" --last "$last" --threads 2 "${peer_model[@]}" >"$work/theirs.$round.json"
@@ -52,9 +54,13 @@ cat "$work/theirs.$rounds.json"
 "$venv/bin/python" - "$work" "$rounds" "$((last - first + 1))" <<'PY'
 import json, statistics, sys
 work, rounds, frames = sys.argv[1], int(sys.argv[2]), sys.argv[3]
-ours = [float(open(f"{work}/ours.{i}").read()) for i in range(1, rounds + 1)]
+times = lambda name: list(zip(*([float(word) for word in open(f"{work}/{name}.{i}").read().split()] for i in range(1, rounds + 1))))
+(ours, ours_cpu), (without, without_cpu) = times("ours"), times("without")
 theirs = [json.load(open(f"{work}/theirs.{i}.json"))["total_s"] for i in range(1, rounds + 1)]
 a, b = statistics.median(ours), statistics.median(theirs)
 print(f"median of {rounds}: ours {a:.3f} s, theirs {b:.3f} s for {frames} frames (5 variants ours, 4 theirs; ours is the whole process, theirs is without start and imports)")
+c, cpu, without_cpu = statistics.median(without), statistics.median(ours_cpu), statistics.median(without_cpu)
+print(f"without page {c:.3f} s; CPU time {cpu:.2f} s, {without_cpu / int(frames) * 1000:.0f} core-ms a frame without page; page {100 * (1 - without_cpu / cpu):.0f} % of CPU time")
 print(f"ratio pipeline-2t {b / a:.2f}")
+print(f"ratio pipeline-without-page-2t {b / c:.2f}")
 PY

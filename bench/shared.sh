@@ -6,6 +6,7 @@ case "$shared" in
     *) shared=$PWD/$shared ;;
 esac
 target=${CARGO_TARGET_DIR:-$PWD/target}
+echo "processor: $(sed -n 's/^model name[^:]*: //p' /proc/cpuinfo 2>/dev/null | head -1), $(getconf _NPROCESSORS_ONLN) threads"
 # The folder of our programs. Where DEPTHLOOM_BENCH_PROGRAMS names it, they are built already, and nothing is built: the tests do so.
 programs=${DEPTHLOOM_BENCH_PROGRAMS:-$target/release}
 
@@ -16,12 +17,14 @@ build() {
     fi
 }
 
-# timed COMMAND...: runs a command, and sets `wall_s` to the seconds that its process took, from its start to its end.
+# timed COMMAND...: runs a command, and sets `wall_s` to the seconds that its process took, from its start to its end, and `cpu_s` to the
+# CPU time of all its threads.
 timed() {
-    local begin
-    begin=$(date +%s.%N)
-    "$@"
-    wall_s=$(date +%s.%N | awk -v begin="$begin" '{ printf "%.3f", $1 - begin }')
+    local file TIMEFORMAT='%R %U %S'
+    file=$(mktemp)
+    { time "$@" 2>&3; } 3>&2 2>"$file"
+    read -r wall_s cpu_s < <(awk '{ printf "%.3f %.3f\n", $1, $2 + $3 }' "$file")
+    rm "$file"
 }
 
 # peer NAME MODULES PACKAGE...: `venv` becomes the virtual environment NAME under target/, which has the packages; they are installed where the modules cannot be

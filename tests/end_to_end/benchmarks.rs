@@ -123,3 +123,15 @@ fn every_benchmark_script_is_tested() {
     let found: BTreeSet<String> = names.filter(|name| name.ends_with(".sh") && name != "shared.sh").collect();
     assert_eq!(found, listed);
 }
+
+#[test]
+fn the_page_of_results_is_that_of_the_recorded_results() {
+    let test = "the_page_of_results_is_that_of_the_recorded_results";
+    if !full(test) {
+        return;
+    }
+    let Some(python) = python(test) else { return };
+    let check = Command::new(python).arg("bench/record.py").arg("--check").current_dir(workspace()).output();
+    let check = check.expect("python starts");
+    assert!(check.status.success(), "{}", String::from_utf8_lossy(&check.stderr));
+}
