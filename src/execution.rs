@@ -310,7 +310,7 @@ fn finish(
     models::write(&recording, &folder.partial)?;
     let report = analyse(&recording, &folder.partial, &report_options(args), prepared, interrupt)?;
     if args.samples {
-        samples::write(&recording, &folder.file(SAMPLES), is_silent(args), interrupt)?;
+        samples::write(&recording, &folder.file(SAMPLES), None, is_silent(args), interrupt)?;
     }
     let mut environment = environment();
     folder.write(ENVIRONMENT, &environment.text())?;

@@ -112,7 +112,8 @@ fn rows_are_compared_with_the_best_row_as_by_compare() {
         assert_eq!(row["verdict"]["name"], "worse");
     }
     let texts = table["tested"].as_array().unwrap();
-    assert!(texts.len() == 1 && texts[0].as_str().unwrap().contains("2 tests"), "{texts:?}");
+    assert!(texts.len() == 2 && texts[0].as_str().unwrap().contains("2 tests"), "{texts:?}");
+    assert!(texts[1].as_str().unwrap().contains("depthloom report RUN --ci"), "{texts:?}");
 }
 
 #[test]
@@ -126,7 +127,7 @@ fn too_few_frames_for_a_verdict_are_stated_once() {
     assert!(table["rows"].as_array().unwrap().iter().all(|row| row["verdict"].is_null()));
     let texts = table["tested"].as_array().unwrap();
     let text = texts[0].as_str().unwrap();
-    assert!(texts.len() == 1 && text.contains("4 frames are too few") && text.contains("0.250"), "{text}");
+    assert!(texts.len() == 2 && text.contains("4 frames are too few") && text.contains("0.250"), "{text}");
 }
 
 #[test]

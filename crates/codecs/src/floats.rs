@@ -16,6 +16,15 @@
 //! `codes` is a zstd frame of the classes, two bits each, four a byte, the first lowest; behind them of the four bits
 //! of all samples of class 2, two a byte, the first lower; and behind these of the high 16 bits of all samples of class
 //! 3, first the lower bytes of all, then the upper. `lows` are little-endian.
+//!
+//! The standard encoding of viewers, `32FC1` in a chunk that zstd compresses, costs too much to be the default. Maps of
+//! 1242x375 (stereo, merged and fused depth, weight; six frames of KITTI, a Xeon, level 1), per map:
+//!
+//! | | bytes | core-ms |
+//! |---|---|---|
+//! | this format | 650, 850, 775 and 1125 kB | 1.7 |
+//! | `32FC1`, zstd | 488, 1320, 1140 and 1608 kB | 7 to 15 |
+//! | the same, bytes of equal rank together | 914, 1082, 1058 and 1323 kB | 8 to 13 |
 
 use std::io;
 

@@ -72,8 +72,8 @@ fn text(entry: &Entry, report: &mut Report) -> Option<String> {
     None
 }
 
-/// Whether a character is invisible and changes the order of others, or ends a line: the terminal, a Markdown file and a
-/// page would show another text than the file.
+/// Whether a character is invisible and changes the order of others, or ends a line: the terminal, a Markdown file and
+/// a page would show another text than the file.
 const fn changes_direction(letter: &char) -> bool {
     matches!(*letter, '\u{61c}' | '\u{200e}' | '\u{200f}' | '\u{2028}'..='\u{202e}' | '\u{2066}'..='\u{2069}')
 }
