@@ -161,7 +161,7 @@ fn numbers(text: &str) -> String {
             && !before.is_alphanumeric()
             && text[at + 1..].starts_with(|next: char| next.is_ascii_digit());
         if is_minus {
-            typeset.push_str("$-$")
+            typeset.push_str("$-$");
         } else {
             typeset.push_str(&escaped(letter.encode_utf8(&mut [0; 4])));
         }
