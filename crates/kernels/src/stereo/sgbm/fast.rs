@@ -24,14 +24,14 @@
 //! Memory decides the order of the work. On a Xeon whose second-level cache has 2 MiB and whose last level is slow, a
 //! band of 24 rows with row sums (12 MB) made all of it wait: one direction from above took as long as three. What a
 //! small band needs (pixel costs of 8 rows, costs and sums of 4, paths) has 2.4 MB, and is read half as often. Measured
-//! there, two threads on what may be one core, neighbours busy; best of 8 (milliseconds; OpenCV 5.0 in turn):
+//! there, two threads on what may be one core (best times, milliseconds; the ratios to OpenCV 5.0, in turn, of two runs):
 //!
 //! | mode | bands of 24 rows, AVX2 | now, 1 thread | 2 threads | OpenCV / now, 1 thread | 2 threads |
 //! |---|---|---|---|---|---|
-//! | `sgbm` | 36 | 25 | 19 | 3.9 | 6.9 |
-//! | `3way` | 38 | 21 | 18 | 3.6 | 2.8 |
-//! | `hh` | 64 | 47 | 31 | 4.0 | 7.8 |
-//! | `hh4` | 59 | 39 | 25 | 4.9 | 4.6 |
+//! | `sgbm` | 36 | 24 | 15 | 3.1, 3.9 | 5.2, 6.9 |
+//! | `3way` | 38 | 20 | 15 | 3.4, 3.6 | 1.8, 2.8 |
+//! | `hh` | 64 | 44 | 23 | 4.2, 4.0 | 6.8, 7.8 |
+//! | `hh4` | 59 | 36 | 22 | 3.8, 4.9 | 3.9, 4.6 |
 //!
 //! `hh` and `hh4` write and read 57 MB of costs and 57 MB of sums besides. AVX-512 takes 0.8 times as long as AVX2
 //! there.
