@@ -24,7 +24,7 @@
 //! Memory decides the order of the work. On a Xeon whose second-level cache has 2 MiB and whose last level is slow, a
 //! band of 24 rows with row sums (12 MB) made all of it wait: one direction from above took as long as three. What a
 //! small band needs (pixel costs of 8 rows, costs and sums of 4, paths) has 2.4 MB, and is read half as often. Measured
-//! there, two threads on what may be one core (best times, milliseconds; the ratios to OpenCV 5.0, in turn, of two runs):
+//! there, two threads on what may be one core (best times in milliseconds; ratios to OpenCV 5.0 of two runs):
 //!
 //! | mode | bands of 24 rows, AVX2 | now, 1 thread | 2 threads | OpenCV / now, 1 thread | 2 threads |
 //! |---|---|---|---|---|---|
