@@ -23,7 +23,7 @@ pub(crate) use library::Engine;
 #[cfg(not(feature = "gpu"))]
 pub(crate) const ARITHMETIC: &str = "cpu 1";
 #[cfg(feature = "gpu")]
-pub(crate) const ARITHMETIC: &str = "burn 0.22.1, gpu";
+pub(crate) const ARITHMETIC: &str = library::VERSION;
 
 /// Planes of a batch, as a network sees them.
 #[derive(Clone, Debug, Default)]

@@ -13,9 +13,6 @@ use super::Input;
 use super::plan::{Kind, Operation, Place, Plan};
 use crate::networks::{Architecture, Parameter, ParameterLayout, Size};
 
-/// Samples of a gradient that one thread adds up at a time.
-const SHARE: usize = 1 << 14;
-
 /// Computes a network for images of any size.
 #[derive(Debug)]
 pub(crate) struct Engine<'a, A> {
@@ -23,12 +20,12 @@ pub(crate) struct Engine<'a, A> {
     layout: &'a ParameterLayout,
     level: Level,
     /// One for each size of images that was seen.
-    sizes: Vec<(Size, Sized)>,
+    sizes: Vec<(Size, SizedNetwork)>,
 }
 
 /// A network for images of one size.
 #[derive(Debug)]
-struct Sized {
+struct SizedNetwork {
     plan: Plan,
     /// The values of each image of the last batch.
     images: Vec<ImageValues>,
@@ -73,11 +70,11 @@ impl<'a, A: Architecture> Engine<'a, A> {
         (self.backward(input, &slopes), more)
     }
 
-    fn sized(&mut self, [_, _, height, width]: [usize; 4]) -> &mut Sized {
+    fn sized(&mut self, [_, _, height, width]: [usize; 4]) -> &mut SizedNetwork {
         let size = Size { width, height };
         let found = self.sizes.iter().position(|(of, _)| *of == size).unwrap_or_else(|| {
             let plan = Plan::new(self.network, size, self.layout);
-            self.sizes.push((size, Sized { plan, images: Vec::new(), workers: Mutex::default() }));
+            self.sizes.push((size, SizedNetwork { plan, images: Vec::new(), workers: Mutex::default() }));
             self.sizes.len() - 1
         });
         &mut self.sizes[found].1
@@ -85,7 +82,7 @@ impl<'a, A: Architecture> Engine<'a, A> {
 
     fn forward(&mut self, input: &Input, parameters: &[Vec<f32>], backward: bool) -> Vec<f32> {
         let level = self.level;
-        let Sized { plan, images, workers } = self.sized(input.shape);
+        let SizedNetwork { plan, images, workers } = self.sized(input.shape);
         for operation in &mut plan.operations {
             if let Kind::Layer { layer, weights, .. } = &mut operation.kind {
                 layer.pack(level, &parameters[*weights], backward && operation.gradient.is_some());
@@ -132,7 +129,7 @@ impl<'a, A: Architecture> Engine<'a, A> {
             })
             .collect();
         let batch = input.shape[0];
-        let Sized { plan, images, workers } = self.sized(input.shape);
+        let SizedNetwork { plan, images, workers } = self.sized(input.shape);
         let images = &mut images[..batch];
         images.par_iter_mut().zip(slopes.par_chunks_exact(slopes.len() / batch)).with_max_len(1).for_each(
             |(image, slopes)| {
@@ -153,21 +150,16 @@ impl<'a, A: Architecture> Engine<'a, A> {
                 });
             },
         );
-        let mut sum = vec![0.0; total];
-        sum.par_chunks_mut(SHARE).enumerate().for_each(|(part, sum)| {
-            for (index, image) in images.iter().enumerate() {
-                let share = &image.shares[part * SHARE..][..sum.len()];
-                if index == 0 {
-                    sum.copy_from_slice(share);
-                } else {
-                    sum.iter_mut().zip(share).for_each(|(sum, share)| *sum += share);
-                }
-            }
-        });
+        let (first, rest) = images.split_first().expect("a batch has images");
         let gradient = |(start, parameter): (&Option<usize>, &Parameter)| {
-            start.map(|start| sum[start..][..parameter.len()].to_vec())
+            let at = start.map(|start| start..start + parameter.len())?;
+            let mut sum = first.shares[at.clone()].to_vec();
+            for image in rest {
+                sum.iter_mut().zip(&image.shares[at.clone()]).for_each(|(sum, share)| *sum += share);
+            }
+            Some(sum)
         };
-        starts.iter().zip(&layout.parameters).map(gradient).collect()
+        starts.par_iter().zip(&layout.parameters).map(gradient).collect()
     }
 }
 
@@ -209,6 +201,9 @@ impl Operation {
         image: &mut ImageValues,
         worker: &mut Worker,
     ) {
+        if self.gradient.is_none() && !matches!(self.kind, Kind::Layer { learned: true, .. }) {
+            return; // Nothing that is learned decides it.
+        }
         let Worker { scratch, slopes } = worker;
         let ImageValues { buffers, shares } = image;
         let (x, out) = (&buffers[self.x.buffer][self.x.samples()], &buffers[self.out.buffer][self.out.samples()]);

@@ -6,6 +6,9 @@ use burn::tensor::{Device, Tensor, TensorData, activation, module};
 use super::Input;
 use crate::networks::{Act, Architecture, Builder, Conv, ParameterLayout, Size};
 
+/// The library with its version, which is part of the keys of networks that a GPU trained.
+pub(crate) const VERSION: &str = "burn 0.22.1";
+
 /// Computes a network for images of any size.
 #[derive(Debug)]
 pub(crate) struct Engine<'a, A> {

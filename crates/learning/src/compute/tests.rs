@@ -98,3 +98,10 @@ fn neither_threads_nor_earlier_batches_change_a_bit() {
 fn noise_parameters(layout: &ParameterLayout) -> Vec<Vec<f32>> {
     layout.parameters.iter().map(|parameter| noise(11, parameter.len())).collect()
 }
+
+#[test]
+fn the_librarys_version_is_that_of_the_lock_file() {
+    let (name, version) = library::VERSION.split_once(' ').unwrap();
+    let locked = include_str!("../../../../Cargo.lock");
+    assert!(locked.contains(&format!("name = \"{name}\"\nversion = \"{version}\"\n")), "{name} {version}");
+}
