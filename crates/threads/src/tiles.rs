@@ -21,7 +21,8 @@ pub trait Tiles: Sync {
         }
     }
 
-    /// How many calls could be under way at once, at least 1. A hint: scratch memory may be sized by it, cuts may not.
+    /// How many calls could be under way at once, at least 1. A hint: scratch memory may be sized by it; cuts only
+    /// where they change no bit of a result.
     fn width(&self) -> usize;
 }
 
