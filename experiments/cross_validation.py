@@ -25,16 +25,16 @@ def main(folder):
     mean = {key: [sum(column) / len(rows) for column in zip(*(values for _, values in rows))] for key, rows in scores.items()}
     worse = METRICS.index("abs_rel")
     for disparities in sorted({key[0] for key in scores}):
-        frames = len(scores[disparities, "as it is"])
+        frames = max(len(rows) for key, rows in scores.items() if key[0] == disparities)
         print(f"\n{disparities}, mean over {frames} frames; folds: those where abs_rel is lower than as it is")
         print(f"{'':28}" + "".join(f"{metric:>10}" for metric in METRICS) + "     folds")
-        base = by_fold(scores[disparities, "as it is"], worse)
+        base = by_fold(scores.get((disparities, "as it is"), []), worse)
         changes = sorted((key[1] for key in scores if key[0] == disparities), key=lambda change: mean[disparities, change][worse])
         for change in changes:
             folds = by_fold(scores[disparities, change], worse)
-            better = sum(folds[fold] < base[fold] for fold in folds)
+            better = sum(folds[fold] < base[fold] for fold in folds if fold in base)
             numbers = "".join(f"{value:10.4f}" for value in mean[disparities, change])
-            print(f"{change:28}{numbers}{better:7} of {len(folds)}")
+            print(f"{change:28}{numbers}" + (f"{better:7} of {len(folds)}" if base else ""))
 
 
 def by_fold(rows, metric):
