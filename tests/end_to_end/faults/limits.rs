@@ -173,10 +173,7 @@ fn fault_12_refused_memory_is_an_error_not_an_abort() {
     }
     // Just below that size, allocations fail at places that vary from run to run.
     for step in 1..=40 {
-        // The kernel ends a program whose stack cannot grow within the limit. That is rare: a second run shows what
-        // ours does.
-        let first = run(too_little - step * 512);
-        let output = if first.status.code().is_none() { run(too_little - step * 512) } else { first };
+        let output = run(too_little - step * 512);
         let stderr = stderr_of(&output);
         // The C library ends the program if it cannot allocate a thread's bookkeeping.
         let from_system = ["Fatal glibc error", "cannot allocate memory for thread-local data"];
