@@ -33,6 +33,7 @@ mod signature;
 mod sink;
 mod source;
 mod store;
+mod stream;
 mod upstream;
 
 pub use crate::message::ErrorMessage;
@@ -50,4 +51,5 @@ pub use signature::Signature;
 pub use sink::{Commit, Failure, NodeWarning, Sink, Slot, SlotKey, StoredValue, stored_values};
 pub use source::{Fact, Recognised, Source, SourceDeclaration, SourceKind, SourceOutputs, Survey, SwitchedOff};
 pub use store::{Store, StoredPort, StoredState};
+pub use stream::{Drops, LiveCommit, NextFrame, StreamFrame, StreamingSource};
 pub use upstream::{InputOrigin, Upstream, UpstreamNode};

@@ -10,7 +10,7 @@ use serde_path_to_error::Segment;
 
 use crate::contracts::{
     Contract, Fault, Instance, Node, NodeDeclaration, Port, Recognised, Signature, Source, SourceDeclaration,
-    SourceKind, Survey, SwitchedOff, Upstream,
+    SourceKind, StreamingSource, Survey, SwitchedOff, Upstream,
 };
 use crate::key::Key;
 
@@ -98,6 +98,8 @@ impl NodeKind {
     }
 }
 
+type OpenStream = fn(&Json) -> Result<Option<Box<dyn StreamingSource>>, Fault>;
+
 /// A source kind with erased types.
 pub struct SourceEntry {
     /// Name, version, ports and docs.
@@ -108,6 +110,7 @@ pub struct SourceEntry {
     outputs: fn(&Json) -> Result<Vec<Port>, Fault>,
     switched_off: fn(&Json) -> Result<Vec<SwitchedOff>, Fault>,
     open: fn(&Json) -> Result<Box<dyn Source>, Fault>,
+    stream: OpenStream,
     survey: fn(&Json) -> Survey,
     recognise: fn(&Path) -> Vec<Recognised>,
 }
@@ -151,6 +154,14 @@ impl SourceEntry {
     /// As [`SourceKind::open`].
     pub fn open(&self, resolved: &Json) -> Result<Box<dyn Source>, Fault> {
         (self.open)(resolved)
+    }
+
+    /// See [`SourceKind::stream`]; from resolved parameters.
+    ///
+    /// # Errors
+    /// As [`SourceKind::open`].
+    pub fn stream(&self, resolved: &Json) -> Result<Option<Box<dyn StreamingSource>>, Fault> {
+        (self.stream)(resolved)
     }
 
     /// See [`SourceKind::survey`]; from resolved parameters.
@@ -218,6 +229,7 @@ impl Registry {
             outputs: |json| S::outputs(&parse::<S::Params>(json)?),
             switched_off: |json| Ok(S::switched_off(&parse::<S::Params>(json)?)),
             open: |json| S::open(parse::<S::Params>(json)?),
+            stream: |json| S::stream(parse::<S::Params>(json)?),
             survey: |json| match parse::<S::Params>(json) {
                 Ok(params) => S::survey(params),
                 Err(fault) => Survey::failed(fault),

@@ -116,8 +116,16 @@ fn recording_a_frame(criterion: &mut Criterion) {
         });
     }
     let parts: Vec<_> = PartId::all(4).map(of_part).collect();
-    let commit =
-        Commit { run: RunId(0), frame: &frame, source_key: None, keys: &[], failures: &[], absent: &[], warnings: &[] };
+    let commit = Commit {
+        run: RunId(0),
+        frame: &frame,
+        source_key: None,
+        keys: &[],
+        failures: &[],
+        absent: &[],
+        warnings: &[],
+        live: None,
+    };
     group.throughput(Throughput::Bytes(raw as u64));
     group.bench_function("write", |bencher| {
         bencher.iter_custom(|times| {

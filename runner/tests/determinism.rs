@@ -171,7 +171,10 @@ fn commit(run: RunId, parts: usize, frame: &depthloom_graphs::Frame, results: &[
     }
     let source_key = if let Gave::Values(key, _) = &results[0] { Some(*key) } else { None };
     let text: Vec<_> = PartId::enumerate(&taken).map(|(part, values)| part_text(part, values)).collect();
-    commit_text(&Commit { run, frame, source_key, keys: &keys, failures: &failures, absent: &[], warnings: &[] }, &text)
+    commit_text(
+        &Commit { run, frame, source_key, keys: &keys, failures: &failures, absent: &[], warnings: &[], live: None },
+        &text,
+    )
 }
 
 fn finish(

@@ -264,6 +264,18 @@ fn record_maps(
     let failures: Vec<Failure> =
         failed.map(|node| Failure { node: Some(NodeId(node)), what: "failed".to_owned() }).collect();
     recorder
-        .write(&Commit { run, frame: &frame, source_key, keys, failures: &failures, absent: &[], warnings: &[] }, parts)
+        .write(
+            &Commit {
+                run,
+                frame: &frame,
+                source_key,
+                keys,
+                failures: &failures,
+                absent: &[],
+                warnings: &[],
+                live: None,
+            },
+            parts,
+        )
         .unwrap();
 }

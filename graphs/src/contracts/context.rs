@@ -63,6 +63,15 @@ pub trait Host: Sync {
         None
     }
 
+    /// Whether frames arrive at their own rate, so that a frame should not wait for work that can be finished later.
+    fn is_live(&self) -> bool {
+        false
+    }
+
+    /// Adds what decided the outputs of this call besides its inputs to their cache key, for example that a network in
+    /// training was replaced later than in a run that waits for it. A call that was not disturbed adds nothing.
+    fn observe(&self, _what: Key) {}
+
     /// A file for checkpoints of long work, with which an interrupted run resumes. Its name is [`Host::key`]; no
     /// other process uses it until the call returns. The host removes it once the values are stored. `None`: keep no
     /// checkpoint.

@@ -1,6 +1,6 @@
 //! The sink of a run's values, for example a recording.
 
-use super::{Frame, Store};
+use super::{Frame, LiveCommit, Store};
 use crate::ids::{FrameIndex, NodeId, PartId, PortId, RunId};
 use crate::{ErrorMessage, Key, Value};
 
@@ -67,6 +67,8 @@ pub struct Commit<'a> {
     pub absent: &'a [Slot],
     /// The warnings, by node index. They are repeated where the values are reused.
     pub warnings: &'a [NodeWarning],
+    /// Of a live run.
+    pub live: Option<LiveCommit>,
 }
 
 /// A value that is in the sink's store.

@@ -7,7 +7,7 @@ use serde::Serialize;
 use serde::de::DeserializeOwned;
 use serde_json::Value as Json;
 
-use super::{Context, Fault, Frame, Outputs, Port};
+use super::{Context, Fault, Frame, Outputs, Port, StreamingSource};
 use crate::Key;
 use crate::ids::FrameIndex;
 
@@ -176,6 +176,15 @@ pub trait SourceKind: 'static {
     /// # Errors
     /// What is missing, with its remedy; found before any frame is admitted.
     fn open(params: Self::Params) -> Result<Box<dyn Source>, Fault>;
+
+    /// The stream of a source whose frames arrive by themselves; `None` for a kind whose frames can be listed, which
+    /// `live` reads at a rate. A kind that only streams refuses in [`SourceKind::open`].
+    ///
+    /// # Errors
+    /// As [`SourceKind::open`].
+    fn stream(_params: Self::Params) -> Result<Option<Box<dyn StreamingSource>>, Fault> {
+        Ok(None)
+    }
 
     /// As [`SourceKind::open`], but reports everything that is wrong with the data. Nothing is decoded.
     fn survey(params: Self::Params) -> Survey {

@@ -96,6 +96,7 @@ fn values_of_an_earlier_run_and_made_ones_give_the_bytes_of_made_ones() {
             failures: &[],
             absent: &[],
             warnings: &[],
+            live: None,
         };
         recorder.write(&commit, parts.collect()).unwrap();
         recorder.finish(&[]).unwrap();
@@ -132,6 +133,7 @@ fn nodes_that_exchange_their_keys_exchange_their_values() {
         failures: &[],
         absent: &[],
         warnings: &[],
+        live: None,
     };
     let recorded = |name: &str, reuses: bool| {
         let recorder = Recorder::create(path(name), &plan).unwrap();

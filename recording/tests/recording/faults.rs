@@ -448,6 +448,7 @@ fn nothing_is_written_after_the_end() {
         failures: &[],
         absent: &[],
         warnings: &[],
+        live: None,
     };
     let error = recorder.write(&commit, Vec::new()).unwrap_err();
     assert!(error.to_string().ends_with("cannot be written any more: it is finished"), "{error}");

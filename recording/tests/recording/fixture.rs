@@ -303,7 +303,8 @@ pub(crate) fn record_frame_at(
         _ => Vec::new(),
     };
     let source_key = Some(Key::build("source").number(frame.index).finish());
-    let commit = Commit { run, frame, source_key, keys: &keys, failures: &failures, absent: &[], warnings: &[] };
+    let commit =
+        Commit { run, frame, source_key, keys: &keys, failures: &failures, absent: &[], warnings: &[], live: None };
     recorder.write(&commit, encoded.into_iter().map(Option::unwrap).collect()).unwrap();
 }
 

@@ -130,7 +130,7 @@ fn write<T: Sink>(
         let absent = in_flight.take_absent().into_iter();
         let absent: Vec<Slot> = absent.filter_map(|absent| slot_of(stage.plan, absent)).collect();
         let (keys, failures, absent, warnings) = (&keys, &failures, &absent, &warnings);
-        let commit = Commit { run: stage.run, frame, source_key, keys, failures, absent, warnings };
+        let commit = Commit { run: stage.run, frame, source_key, keys, failures, absent, warnings, live: None };
         guarded_sink(|| stage.context.sink.write(&commit, in_flight.take_parts())).map_err(sink_failed)?;
         if let Some(timing) = ledger.timings.last_mut() {
             timing.add(frame.index, watch.stop(0));
