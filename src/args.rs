@@ -20,6 +20,7 @@ mod experiment;
 mod export;
 mod figure;
 mod inspect;
+mod live;
 mod recording;
 mod run;
 mod runs;
@@ -42,6 +43,7 @@ pub(crate) use experiment::{CheckArgs, ExecArgs, ExperimentArgs, GraphArgs, Grap
 pub(crate) use export::{ColoursOption, ExportArgs};
 pub(crate) use figure::{FigureArgs, FigureFormat};
 pub(crate) use inspect::InspectArgs;
+pub(crate) use live::{Cores, LimitArgs, LiveArgs};
 pub(crate) use recording::VerifyArgs;
 pub(crate) use run::{AuditMode, PageArgs, ReportArgs, RunArgs};
 pub(crate) use runs::{
@@ -87,7 +89,7 @@ pub(crate) enum Colour {
 pub(crate) const GROUPS: [(&str, &[&str]); 6] = [
     ("Author", &["new", "check", "plan", "graph", "nodes", "schema", "lsp"]),
     ("Data", &["inspect", "synth"]),
-    ("Run", &["run", "evaluate", "dora"]),
+    ("Run", &["run", "live", "evaluate", "dora"]),
     ("Results", &["report", "table", "compare", "explain", "analyse", "figure", "export"]),
     ("Runs and recordings", &["runs", "verify"]),
     ("Setup", &["doctor", "completions", "man"]),
@@ -137,6 +139,12 @@ pub(crate) enum Command {
     ///
     /// It records every intermediate value, scores the estimates against ground truth, and prints the table.
     Run(RunArgs),
+    /// Run one stage live, at the rate of its source.
+    ///
+    /// Frames come from a camera, or from a data set at a rate. If the nodes cannot keep up, the newest frame is
+    /// processed and older ones are dropped and counted; the exit code is then 3. The command prints the latency of
+    /// every node and records what was processed.
+    Live(LiveArgs),
     /// Evaluate predictions of other programs.
     ///
     /// It reads depth or disparity maps from files, scores them against the ground truth of a data set, and writes a

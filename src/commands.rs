@@ -39,6 +39,7 @@ outputs! {
     "inspect-data-set" => inspect::data_set::Data,
     "inspect-onnx" => inspect::network::Onnx,
     "inspect-recording" => inspect::recording::Info,
+    "live" => crate::execution::live::LiveOutput,
     "nodes" => render::Nodes,
     "nodes-kind" => render::NodesKind,
     "plan" => render::Plan,

@@ -2,6 +2,7 @@
 
 mod early_end;
 mod folder;
+pub(crate) mod live;
 mod observers;
 mod programs;
 
@@ -28,7 +29,7 @@ use schemars::JsonSchema;
 use serde::Serialize;
 
 use self::early_end::EarlyEnd;
-use self::folder::{Reusable, make_folder};
+use self::folder::{FolderRequest, Reusable, make_folder};
 use self::observers::Both;
 use self::programs::{PRINTED, write_printed};
 use crate::args::RunArgs;
@@ -95,7 +96,15 @@ pub(crate) fn carry_out(
     }
     let of_sources = [found.to_vec(), std::mem::take(&mut ready.warnings), truths::missing(&ready)].concat();
     print_warnings(args, &of_sources);
-    let (folder, resumable) = make_folder(args, &plan, &stored, &read)?;
+    let runs = args.folder.path();
+    let request = FolderRequest {
+        out: args.out.as_deref(),
+        overwrite: args.overwrite,
+        is_fresh: args.is_fresh(),
+        is_json: args.output.json,
+        runs: &runs,
+    };
+    let (folder, resumable) = make_folder(&request, &plan, &stored, &read)?;
     let earlier = reuse::earlier_runs(args.is_fresh(), &folder, &args.folder.path(), &plan);
     let unreadable = reuse::unreadable(&earlier);
     print_warnings(args, &unreadable);
@@ -255,7 +264,7 @@ fn record<'a>(
     let (has_printed, failed_programs) = printed.map_err(ended)?;
     let warnings = [warnings(&ran, plan), failed_programs, reuse::warnings(&earlier)].concat();
     print_warnings(args, &warnings);
-    write_timings(&ran.timings, plan, &recorder, &folder.file(TIMINGS)).map_err(ended)?;
+    write_timings(&ran, plan, &recorder, &folder.file(TIMINGS)).map_err(ended)?;
     if ran.interrupted {
         return Err(ended(CliError::new(ExitCode::Interrupted, "interrupted")));
     }

@@ -29,6 +29,7 @@ mod experiment;
 mod memory;
 mod output;
 mod panics;
+mod process_limits;
 mod results;
 mod signals;
 mod truths;
@@ -116,6 +117,7 @@ fn program(registry: &Registry, as_json: bool) -> Result<ExitCode, CliError> {
     diagnostics::set_colour(cli.color);
     match cli.command {
         Command::Run(args) => commands::experiments::run::run(&args, registry),
+        Command::Live(args) => commands::experiments::live::live(&args, registry),
         Command::Evaluate(args) => commands::evaluate::evaluate(&args, registry),
         Command::Check(args) => commands::experiments::check::check(&args, registry),
         Command::Inspect(args) => commands::inspect::inspect(&args, registry),

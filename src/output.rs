@@ -7,6 +7,7 @@
 pub(crate) mod delivery;
 pub(crate) mod diagnostics;
 pub(crate) mod frame_progress;
+pub(crate) mod live;
 pub(crate) mod progress;
 pub(crate) mod warnings;
 

@@ -5,7 +5,9 @@ use std::path::{Path, PathBuf};
 
 use serde_json::Value as Json;
 
-use crate::contracts::{Context, Fault, Frame, Inputs, Instance, Port, Source, SourceOutputs};
+use crate::contracts::{
+    Context, Fault, Frame, Inputs, Instance, Outputs, Port, Source, SourceOutputs, StreamingSource,
+};
 use crate::fingerprints;
 use crate::key::Key;
 use crate::language::changed_since;
@@ -110,12 +112,40 @@ impl Ready {
     /// # Errors
     /// Everything that is missing, in plan order.
     pub fn new(plan: Plan, registry: &Registry) -> Result<Self, Vec<NotReady>> {
+        Self::opened(plan, registry, |_, source| open(source, registry))
+    }
+
+    /// As [`Ready::new`], for a plan with a stage whose frames arrive by themselves. Its source in the result has no
+    /// frames; the frames come from the second value.
+    ///
+    /// # Errors
+    /// As [`Ready::new`].
+    pub fn live(plan: Plan, registry: &Registry, live: RunId) -> Result<(Self, LiveInput), Vec<NotReady>> {
+        let mut input = None;
+        let ready = Self::opened(plan, registry, |run, source| {
+            if run != live {
+                return open(source, registry);
+            }
+            input = Some(open_live(source, registry)?);
+            Ok(Box::new(NoFrames))
+        })?;
+        match input {
+            Some(input) => Ok((ready, input)),
+            None => unreachable!("the stage to run live is one of the plan's"),
+        }
+    }
+
+    fn opened(
+        plan: Plan,
+        registry: &Registry,
+        mut open: impl FnMut(RunId, &PlannedSource) -> Result<Box<dyn Source>, Box<NotReady>>,
+    ) -> Result<Self, Vec<NotReady>> {
         let mut missing = Vec::new();
         let mut files = BTreeMap::new();
         let mut prints = BTreeMap::new();
         let mut runs = Vec::with_capacity(plan.runs.len());
         for (run_id, run) in RunId::enumerate(&plan.runs) {
-            let source = open(&run.source, registry).map_err(|error| missing.push(*error)).ok();
+            let source = open(run_id, &run.source).map_err(|error| missing.push(*error)).ok();
             let mut nodes = Vec::with_capacity(run.nodes.len());
             for node in NodeId::all(run.nodes.len()) {
                 let node = NodeRef { run: run_id, node };
@@ -266,6 +296,46 @@ fn read_aggregate_value(path: &Path, value_type: ValueType) -> Result<Value, Fau
         .map_err(|error| Fault::new(format!("failed to read {}", path.display())).because(error))?;
     Artifact::of_type(value_type, bytes)
         .ok_or_else(|| Fault::new(format!("a value of type {value_type} cannot be read from a file")))
+}
+
+/// Where the frames of a live stage come from.
+pub enum LiveInput {
+    /// A stream.
+    Stream(Box<dyn StreamingSource>),
+    /// A source whose frames can be listed, to be played at a rate.
+    Listed(Box<dyn Source>),
+}
+
+/// The source of a live stage, until its frames arrive.
+struct NoFrames;
+
+impl Source for NoFrames {
+    fn frames(&self) -> &[Frame] {
+        &[]
+    }
+
+    fn key(&self, _position: FrameIndex) -> Result<Key, Fault> {
+        Err(Fault::new("a stream has no frames in advance"))
+    }
+
+    fn read(&self, position: FrameIndex, _ctx: &mut Context<'_>) -> Result<SourceOutputs, Fault> {
+        let key = self.key(position)?;
+        Ok(SourceOutputs { outputs: Outputs::none(), key })
+    }
+}
+
+fn open_live(source: &PlannedSource, registry: &Registry) -> Result<LiveInput, Box<NotReady>> {
+    if let [part] = source.parts.as_slice()
+        && let Some(kind) = registry.source_kind(&part.kind)
+    {
+        let (name, kind_name) = (source.name.clone(), part.kind.clone());
+        let stream = kind.stream(&part.params);
+        let stream = stream.map_err(|fault| Box::new(NotReady::Source { name, kind: kind_name, fault }))?;
+        if let Some(stream) = stream {
+            return Ok(LiveInput::Stream(stream));
+        }
+    }
+    open(source, registry).map(LiveInput::Listed)
 }
 
 /// Opens a stage's source.

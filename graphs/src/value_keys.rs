@@ -43,6 +43,12 @@ pub fn ordered(node_hash: &Key, previous: Option<&Key>, observed: Observed<'_>, 
     observed.add_to(builder).finish()
 }
 
+/// The key of a node's values on one frame that something besides its inputs decided; see
+/// [`Host::observe`](crate::Host::observe).
+pub fn disturbed(key: &Key, observed: &Key) -> Key {
+    Key::build("observed by a node").key(key).key(observed).finish()
+}
+
 /// The key of an ordered node's aggregate values; `last` is its key on the last frame.
 pub fn finished(node_hash: &Key, last: Option<&Key>) -> Key {
     optional(Key::build("finished").key(node_hash), last).finish()

@@ -37,6 +37,19 @@ pub enum RunError {
         #[source]
         fault: Box<Fault>,
     },
+    /// A stream ended with a failure.
+    #[error("source `{source_name}` of stage `{stage}` failed after {frames} frames")]
+    StreamFailed {
+        /// The stage.
+        stage: String,
+        /// The source's name under `sources:`.
+        source_name: String,
+        /// How many frames were written.
+        frames: u64,
+        /// The cause.
+        #[source]
+        fault: Box<Fault>,
+    },
     /// The sink refused a value.
     #[error("failed to record {what} of stage `{stage}`")]
     Sink {
@@ -78,7 +91,9 @@ pub enum RunError {
 impl Remedied for RunError {
     fn remedy(&self) -> Option<String> {
         match self {
-            Self::NodeFailed { fault, .. } | Self::SourceFailed { fault, .. } => fault.remedy_text().map(str::to_owned),
+            Self::NodeFailed { fault, .. } | Self::SourceFailed { fault, .. } | Self::StreamFailed { fault, .. } => {
+                fault.remedy_text().map(str::to_owned)
+            }
             Self::NoThread(_) => {
                 Some("raise the limit of threads (`ulimit -u`), or run with fewer --workers".to_owned())
             }
@@ -105,7 +120,7 @@ impl RunError {
 
     /// Whether frames of the data failed, not the engine, the disk or a training.
     pub const fn is_of_a_frame(&self) -> bool {
-        matches!(self, Self::NodeFailed { frame: Some(_), .. } | Self::SourceFailed { .. })
+        matches!(self, Self::NodeFailed { frame: Some(_), .. } | Self::SourceFailed { .. } | Self::StreamFailed { .. })
     }
 }
 

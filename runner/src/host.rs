@@ -36,6 +36,9 @@ pub(crate) struct TaskHost<'a> {
     pub(crate) reported: Mutex<BTreeMap<String, u64>>,
     /// Whether its warnings were reported before: the task repeats one of an earlier process or another frame.
     pub(crate) is_repeated: bool,
+    pub(crate) is_live: bool,
+    /// What decided the outputs besides the inputs; see [`Host::observe`].
+    pub(crate) observed: Mutex<Option<Key>>,
 }
 
 impl<'a> TaskHost<'a> {
@@ -54,6 +57,8 @@ impl<'a> TaskHost<'a> {
             helpers_cpu_ns: AtomicU64::new(0),
             reported: Mutex::default(),
             is_repeated: false,
+            is_live: false,
+            observed: Mutex::default(),
         }
     }
 
@@ -140,6 +145,16 @@ impl Host for TaskHost<'_> {
         self.key
     }
 
+    fn is_live(&self) -> bool {
+        self.is_live
+    }
+
+    fn observe(&self, what: Key) {
+        let mut observed = locked(&self.observed);
+        let all = observed.take().map_or(what, |before| Key::build("observed").key(&before).key(&what).finish());
+        *observed = Some(all);
+    }
+
     fn checkpoint(&self) -> Option<PathBuf> {
         match self.checkpoints?.take(&self.key?) {
             Ok(path) => path,
@@ -181,6 +196,8 @@ mod tests {
             helpers_cpu_ns: AtomicU64::new(0),
             reported: Mutex::default(),
             is_repeated: false,
+            is_live: false,
+            observed: Mutex::default(),
         }
     }
 

@@ -16,6 +16,11 @@ impl Interrupt {
         self.0.fetch_update(Ordering::Relaxed, Ordering::Relaxed, raise).map_or(2, |before| (before + 1).min(2))
     }
 
+    /// Takes back level 1, because a live stage has ended as requested: what follows it is not interrupted.
+    pub(crate) fn take_back(&self) {
+        let _ = self.0.compare_exchange(1, 0, Ordering::Relaxed, Ordering::Relaxed);
+    }
+
     /// Whether no more frames are admitted.
     pub fn stops_admission(&self) -> bool {
         self.0.load(Ordering::Relaxed) >= 1

@@ -4,6 +4,8 @@ use depthloom_graphs::Frame;
 use depthloom_graphs::contracts::Failure;
 use depthloom_graphs::plan::{NodeId, RunId};
 
+use crate::live::LiveStatus;
+
 /// Receives the events of a run. Calls should return at once.
 pub trait Observer: Sync {
     /// A stage run with this many frames starts.
@@ -29,6 +31,11 @@ pub trait Observer: Sync {
     /// A message that is not a warning. Called on the node's thread.
     fn info(&self, run: RunId, node: NodeId, what: &str) {
         let _ = (run, node, what);
+    }
+
+    /// How a live stage is doing, a few times per second.
+    fn live(&self, run: RunId, status: &LiveStatus) {
+        let _ = (run, status);
     }
 
     /// A stage run has ended: complete, interrupted or failed.

@@ -4,6 +4,7 @@ use depthloom_graphs::Frame;
 use depthloom_graphs::plan::{NodeId, RunId};
 
 use crate::checkpoints::Checkpoints;
+use crate::live::LiveReport;
 use crate::timing::Timing;
 use crate::warnings::Warning;
 
@@ -20,6 +21,8 @@ pub struct Report {
     pub warnings: Vec<Warning>,
     /// Times, by stage run and class of task.
     pub timings: Vec<Timing>,
+    /// What the live stage did, if there was one.
+    pub live: Option<LiveReport>,
     /// The checkpoints of aggregate nodes, to be removed when their values are safe.
     pub checkpoints: Checkpoints,
 }

@@ -15,6 +15,9 @@ use crate::audit::Auditor;
 use crate::checkpoints::Checkpoints;
 use crate::error::RunError;
 use crate::interrupt::Interrupt;
+use crate::live::capture::capture;
+use crate::live::mailbox::{CloseOnDrop, Mailbox};
+use crate::live::{Live, LiveReport};
 use crate::observer::Observer;
 use crate::options::Options;
 use crate::report::Report;
@@ -22,6 +25,7 @@ use crate::run_context::RunContext;
 use crate::stage::frame_graph::FrameGraph;
 use crate::stage::ordered::Ordered;
 use crate::stage::retire::{Completion, Ledger, retire_all};
+use crate::stage::retire_live::retire_live;
 use crate::stage::{EndAll, FrameNode, Stage};
 use crate::warnings::Warnings;
 use depthloom_threads::{Budget, look_for_room};
@@ -34,6 +38,34 @@ use depthloom_threads::{Budget, look_for_room};
 /// Why the run ended early. An interrupted run is not an error: see the report.
 pub fn run<T: Sink>(
     ready: Ready,
+    sink: &T,
+    options: &Options,
+    observer: &dyn Observer,
+    interrupt: &Interrupt,
+) -> Result<Report, RunError> {
+    run_all((ready, None), sink, options, observer, interrupt)
+}
+
+/// As [`run`], with one stage whose frames arrive by themselves. Its source in `ready` is not read, and nothing of it
+/// is reused.
+///
+/// The first interrupt ends the stream; the run is then complete.
+///
+/// # Errors
+/// As [`run`], and if the stream fails.
+pub fn run_live<T: Sink>(
+    ready: Ready,
+    live: Live,
+    sink: &T,
+    options: &Options,
+    observer: &dyn Observer,
+    interrupt: &Interrupt,
+) -> Result<Report, RunError> {
+    run_all((ready, Some(live)), sink, options, observer, interrupt)
+}
+
+fn run_all<T: Sink>(
+    (ready, mut live): (Ready, Option<Live>),
     sink: &T,
     options: &Options,
     observer: &dyn Observer,
@@ -62,7 +94,8 @@ pub fn run<T: Sink>(
             break;
         }
         observer.stage_started(run, ready.source.frames().len() as u64);
-        let completion = run_stage((run, &plan), (ready, &builders), &context, &mut values, &mut report);
+        let stream = live.take_if(|live| live.run == run);
+        let completion = run_stage((run, &plan), (ready, &builders), stream, &context, &mut values, &mut report);
         observer.stage_finished(run);
         if completion? == Completion::Interrupted {
             report.interrupted = true;
@@ -77,6 +110,7 @@ pub fn run<T: Sink>(
 fn run_stage<T: Sink>(
     (run, plan): (RunId, &Plan),
     (ready, builders): (ReadyRun, &NodeBuilders),
+    live: Option<Live>,
     context: &RunContext<'_, T>,
     values: &mut AggregateValues,
     report: &mut Report,
@@ -121,7 +155,11 @@ fn run_stage<T: Sink>(
         timings: Vec::new(),
     };
     let mut ledger = Ledger::new(plan, run, source.frames().len(), context.sink.parts(run));
-    let completion = pass(&mut once, source.as_ref(), (frame_nodes, builders), &mut ledger, values);
+    let mut frames = match live {
+        None => Frames::Listed,
+        Some(live) => Frames::Live { live, report: &mut report.live },
+    };
+    let completion = pass(&mut once, source.as_ref(), &mut frames, (frame_nodes, builders), &mut ledger, values);
     for &node in &once.ran {
         ledger.stage.firings[node] = 1;
     }
@@ -135,10 +173,19 @@ fn run_stage<T: Sink>(
 
 type NodeBuilders = BTreeMap<NodeRef, NodeBuilder>;
 
+/// Where the frames of a stage run come from.
+enum Frames<'r> {
+    /// From its source.
+    Listed,
+    /// From a stream.
+    Live { live: Live, report: &'r mut Option<LiveReport> },
+}
+
 /// A stage run from its first frame to its last aggregate value.
 fn pass<T: Sink>(
     once: &mut AggregateWork<'_, T>,
     source: &dyn Source,
+    frames: &mut Frames<'_>,
     (nodes, builders): (Vec<FrameNode<T::Part>>, &NodeBuilders),
     ledger: &mut Ledger<'_>,
     values: &mut AggregateValues,
@@ -151,14 +198,18 @@ fn pass<T: Sink>(
     }
     let graph = FrameGraph::new(run, plan, once.context.sink, |from| values.find(from))
         .map_err(|error| unrunnable(error.what))?;
-    let reuse = once.reuse(&graph, source);
+    let is_live = matches!(frames, Frames::Live { .. });
+    let reuse = if is_live { None } else { once.reuse(&graph, source) };
     let mut stage = Stage::new(once.context, run, plan, graph, source, nodes, reuse);
+    if is_live {
+        stage = stage.live();
+    }
     if let Some(auditor) = Auditor::new(&stage) {
         let permit = stage.context.budget.permit();
         ledger.stage.audited += auditor.before_frames(builders)?;
         drop(permit);
     }
-    if run_frames(&stage, ledger)? == Completion::Interrupted {
+    if run_frames(&stage, frames, ledger)? == Completion::Interrupted {
         return Ok(Completion::Interrupted);
     }
     if let Some(auditor) = Auditor::new(&stage) {
@@ -189,9 +240,14 @@ fn pass<T: Sink>(
 }
 
 /// Runs the frames on workers; this thread admits and writes.
-fn run_frames<T: Sink>(stage: &Stage<'_, T>, ledger: &mut Ledger<'_>) -> Result<Completion, RunError> {
+fn run_frames<T: Sink>(
+    stage: &Stage<'_, T>,
+    frames: &mut Frames<'_>,
+    ledger: &mut Ledger<'_>,
+) -> Result<Completion, RunError> {
     // Never full: it has room for all frames in flight.
     let (send, done) = bounded(stage.context.window);
+    let mailbox = Mailbox::new();
     scope(|scope| {
         // Stops the workers on every exit path; otherwise the scope would wait for them.
         let _end_all = EndAll(stage);
@@ -202,6 +258,17 @@ fn run_frames<T: Sink>(stage: &Stage<'_, T>, ledger: &mut Ledger<'_>) -> Result<
             started.map_err(RunError::NoThread)?;
         }
         drop(send);
-        retire_all(stage, &done, ledger)
+        let Frames::Live { live: Live { stream, options, .. }, report } = frames else {
+            return retire_all(stage, &done, ledger);
+        };
+        // Ends the capturing thread on every exit path.
+        let _close = CloseOnDrop(&mailbox);
+        let (mailbox, options, interrupt) = (&mailbox, &*options, stage.context.interrupt);
+        let capture = move || capture(stream.as_mut(), mailbox, options, interrupt);
+        let builder = Builder::new().name("depthloom-capture".to_owned());
+        look_for_room().and_then(|()| builder.spawn_scoped(scope, capture)).map_err(RunError::NoThread)?;
+        let (completion, live) = retire_live(stage, &done, mailbox, options, ledger)?;
+        **report = Some(live);
+        Ok(completion)
     })
 }

@@ -5,6 +5,7 @@ pub(crate) mod in_flight;
 pub(crate) mod ordered;
 pub(crate) mod queues;
 pub(crate) mod retire;
+pub(crate) mod retire_live;
 mod steps;
 mod work;
 
@@ -22,7 +23,7 @@ use crate::host::TaskHost;
 use crate::reuse::Reuse;
 use crate::run_context::RunContext;
 use crate::stage::frame_graph::{FrameGraph, Step, StepId};
-use crate::stage::in_flight::InFlight;
+use crate::stage::in_flight::{InFlight, LiveArrival};
 use crate::stage::ordered::Ordered;
 use crate::stage::queues::Queues;
 
@@ -49,6 +50,8 @@ pub(crate) struct Stage<'a, T: Sink> {
     pub(crate) reuse: Option<Reuse<'a>>,
     pub(crate) sampler: Sampler,
     queues: Queues<Task<T::Part>>,
+    /// Of a live stage: its encoding tasks, which wait until no node is ready.
+    encode_queues: Option<Queues<Task<T::Part>>>,
     /// The lowest position that ends the stage; later frames are dropped.
     last: AtomicUsize,
     ended: AtomicBool,
@@ -77,6 +80,7 @@ impl<'a, T: Sink> Stage<'a, T> {
         Self {
             sampler: Sampler::new(context.audit, graph.producers.len()),
             queues: Queues::new(context.window),
+            encode_queues: None,
             last: AtomicUsize::new(usize::MAX),
             ended: AtomicBool::new(false),
             context,
@@ -89,15 +93,20 @@ impl<'a, T: Sink> Stage<'a, T> {
         }
     }
 
-    pub(crate) fn admit(&self, position: FrameIndex) {
-        let frame = Arc::new(InFlight::new(position, &self.graph));
+    /// Its frames arrive by themselves: what nodes need goes before what the recording needs.
+    pub(crate) fn live(self) -> Self {
+        Self { encode_queues: Some(Queues::new(self.context.window)), ..self }
+    }
+
+    pub(crate) fn admit(&self, position: FrameIndex, frame: Frame, arrival: Option<LiveArrival>) {
+        let frame = Arc::new(InFlight::new(position, frame, arrival, &self.graph));
         self.queues.push(position, Task { frame, step: StepId::SOURCE });
         self.context.budget.wake(1);
     }
 
     /// Sets the first frame to be admitted.
     pub(crate) fn start_at(&self, position: FrameIndex) {
-        self.queues.set_oldest(position);
+        self.set_oldest(position);
         for node in &self.nodes {
             if let FrameNode::Ordered(ordered) = node {
                 ordered.start_at(position);
@@ -121,6 +130,17 @@ impl<'a, T: Sink> Stage<'a, T> {
 
     pub(crate) fn set_oldest(&self, position: FrameIndex) {
         self.queues.set_oldest(position);
+        if let Some(queues) = &self.encode_queues {
+            queues.set_oldest(position);
+        }
+    }
+
+    fn has_tasks(&self) -> bool {
+        !self.queues.is_empty() || self.encode_queues.as_ref().is_some_and(|queues| !queues.is_empty())
+    }
+
+    pub(crate) const fn is_live(&self) -> bool {
+        self.encode_queues.is_some()
     }
 
     /// Whether an earlier frame ends the stage.
@@ -152,7 +172,8 @@ impl<'a, T: Sink> Stage<'a, T> {
 
     fn host(&self, node: Option<NodeId>, position: FrameIndex) -> TaskHost<'a> {
         let is_repeated = position.0 < self.written();
-        TaskHost { position: Some(position), is_repeated, ..TaskHost::new(self.context, self.run, node) }
+        let is_live = self.is_live();
+        TaskHost { position: Some(position), is_repeated, is_live, ..TaskHost::new(self.context, self.run, node) }
     }
 
     /// `None` if nothing is audited or reused.

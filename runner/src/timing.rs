@@ -113,6 +113,8 @@ impl Timing {
 pub(crate) struct Spent {
     pub(crate) cpu_ns: u64,
     pub(crate) wall_ns: u64,
+    /// When the task ended.
+    pub(crate) ended: Option<Instant>,
 }
 
 /// Both clocks at the start of a task, on the thread that runs it.
@@ -142,7 +144,8 @@ impl Stopwatch {
         let now = Self::start();
         let wall_ns = now.wall.saturating_duration_since(self.wall).as_nanos();
         let cpu_ns = now.cpu_ns.saturating_sub(self.cpu_ns) + helpers_cpu_ns;
-        (Spent { cpu_ns, wall_ns: u64::try_from(wall_ns).unwrap_or(u64::MAX) }, now)
+        let wall_ns = u64::try_from(wall_ns).unwrap_or(u64::MAX);
+        (Spent { cpu_ns, wall_ns, ended: Some(now.wall) }, now)
     }
 }
 
@@ -162,7 +165,7 @@ mod tests {
     fn long_runs_keep_evenly_spaced_samples_and_exact_sums() {
         let mut timing = Timing::new(RunId(0), "stereo".into(), Phase::Node(NodeId(0)));
         let frames = 5 * Timing::KEPT as u64 + 3;
-        (0..frames).for_each(|k| timing.add(k, Spent { cpu_ns: k, wall_ns: 2 * k }));
+        (0..frames).for_each(|k| timing.add(k, Spent { cpu_ns: k, wall_ns: 2 * k, ended: None }));
         assert!(timing.samples.len() <= Timing::KEPT && timing.samples.len() >= Timing::KEPT / 2);
         assert!(timing.samples.iter().zip(0..).all(|(s, i)| s.frame_index == i * timing.stride));
         assert_eq!((timing.count, timing.cpu.min_ns, timing.wall.max_ns), (frames, 0, 2 * (frames - 1)));

@@ -4,6 +4,7 @@ pub(crate) mod check;
 pub(crate) mod dora;
 pub(crate) mod dora_node;
 pub(crate) mod graph;
+pub(crate) mod live;
 pub(crate) mod lsp;
 pub(crate) mod new;
 pub(crate) mod plan;

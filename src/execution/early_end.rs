@@ -15,6 +15,16 @@ pub(super) struct EarlyEnd {
 }
 
 impl EarlyEnd {
+    /// As [`EarlyEnd::stop`], of a live run, which cannot resume.
+    pub(super) fn stop_live(self, folder: RunFolder) -> CliError {
+        if self.frames == 0 {
+            folder.discard();
+            return self.why.also("no frame was recorded");
+        }
+        let (count, partial) = (counted(self.frames, "frame"), folder.partial.display());
+        self.why.also(format!("{count} can be read from {partial}: `depthloom inspect {partial}`"))
+    }
+
     /// Adds what was kept and how to resume. The folder of a run that wrote no frame is removed.
     pub(super) fn stop(self, folder: RunFolder, is_remote: bool) -> CliError {
         let mut stop = self.why;

@@ -15,9 +15,21 @@ use serde_json::json;
 use super::print_warnings;
 use crate::args::RunArgs;
 
+/// Which folder is written, and what may be in it.
+pub(super) struct FolderRequest<'a> {
+    /// That of `--out`.
+    pub(super) out: Option<&'a Path>,
+    pub(super) overwrite: bool,
+    /// Whether nothing is resumed.
+    pub(super) is_fresh: bool,
+    pub(super) is_json: bool,
+    /// The folder of runs.
+    pub(super) runs: &'a Path,
+}
+
 /// The folder to write: that of `--out`, or a new one; and the recording of the interrupted run in it, if there is one.
 pub(super) fn make_folder(
-    args: &RunArgs,
+    request: &FolderRequest<'_>,
     plan: &Plan,
     kept: &[(String, String)],
     read: &[PathBuf],
@@ -29,7 +41,7 @@ pub(super) fn make_folder(
         let nothing = || {
             let aside = outdated_files(partial).into_iter().map(|path| match Recording::open(path) {
                 Ok(aside) if aside.is_empty() => PartialContent::Nothing,
-                Ok(aside) if !args.is_fresh() && aside.is_of_experiment(plan) => PartialContent::This,
+                Ok(aside) if !request.is_fresh && aside.is_of_experiment(plan) => PartialContent::This,
                 // Frames that cannot be read at the moment are not removed either.
                 Ok(_) | Err(_) => PartialContent::Other,
             });
@@ -40,7 +52,7 @@ pub(super) fn make_folder(
         };
         match Recording::open(&path) {
             Ok(found) if found.is_empty() => nothing(),
-            Ok(found) if !args.is_fresh() && found.is_of_experiment(plan) => {
+            Ok(found) if !request.is_fresh && found.is_of_experiment(plan) => {
                 recording = Some(Arc::new(found));
                 PartialContent::This
             }
@@ -51,13 +63,13 @@ pub(super) fn make_folder(
             Err(error) => PartialContent::Unreadable(error.to_string()),
         }
     };
-    let folder = match &args.out {
-        Some(out) if args.output.json && out.to_str().is_none() => {
+    let folder = match request.out {
+        Some(out) if request.is_json && out.to_str().is_none() => {
             let what = format!("the output folder `{}` is not UTF-8, which --json needs", out.display());
             return Err(CliError::usage(what, "choose another --out, or leave --json out"));
         }
-        Some(out) => RunFolder::create(out, args.overwrite, read, resumable)?,
-        None => RunFolder::create_new(&args.folder.path().join(&plan.experiment), &environment::utc_stamp())?,
+        Some(out) => RunFolder::create(out, request.overwrite, read, resumable)?,
+        None => RunFolder::create_new(&request.runs.join(&plan.experiment), &environment::utc_stamp())?,
     };
     match write_experiment(&folder, kept, read) {
         Ok(()) => Ok((folder, recording)),

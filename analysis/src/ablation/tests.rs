@@ -112,6 +112,7 @@ fn costs() -> Costs {
         cpu_ns,
         wall_ns: 0,
         median_cpu_ns: None,
+        latency: None,
     };
     Costs::new(&[
         timing(None, "street", "read", 900_000_000),

@@ -25,10 +25,38 @@ pub struct Timing {
     pub wall_ns: u64,
     /// The median CPU time of frames, nanoseconds; `None` if it was not measured frame by frame.
     pub median_cpu_ns: Option<u64>,
+    /// Of a live run, from the capture of a frame until this part had finished it.
+    pub latency: Option<TimingLatency>,
 }
 
+/// Percentiles of a latency over frames, nanoseconds.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct TimingLatency {
+    /// The median.
+    pub p50_ns: u64,
+    /// The 95th percentile.
+    pub p95_ns: u64,
+    /// The 99th percentile.
+    pub p99_ns: u64,
+    /// The maximum.
+    pub max_ns: u64,
+    /// The mean absolute difference between successive frames.
+    pub jitter_ns: u64,
+}
+
+type LatencyColumn = (&'static str, fn(&TimingLatency) -> u64);
+
+/// The columns of latencies, and their numbers.
+const LATENCIES: [LatencyColumn; 5] = [
+    ("latency_p50_ns", |latency| latency.p50_ns),
+    ("latency_p95_ns", |latency| latency.p95_ns),
+    ("latency_p99_ns", |latency| latency.p99_ns),
+    ("latency_max_ns", |latency| latency.max_ns),
+    ("jitter_ns", |latency| latency.jitter_ns),
+];
+
 /// Writes the timings of a run to a Parquet file, one row each: key columns, `node`, `phase`, `frames, cpu_ns, wall_ns,
-/// median_cpu_ns`. `run` is the key of the run's plan.
+/// median_cpu_ns`, and of a live run the latencies. `run` is the key of the run's plan.
 ///
 /// # Errors
 /// If the file cannot be written.
@@ -42,6 +70,12 @@ pub fn write_timings(timings: &[Timing], run: &Key, path: &Path) -> Result<(), A
         rows.count("wall_ns", |timing| timing.wall_ns).unit("ns"),
         rows.count("median_cpu_ns", |timing| timing.median_cpu_ns).unit("ns"),
     ]);
+    if timings.iter().any(|timing| timing.latency.is_some()) {
+        let latencies = LATENCIES.iter();
+        columns.extend(
+            latencies.map(|(name, number)| rows.count(*name, |timing| timing.latency.as_ref().map(number)).unit("ns")),
+        );
+    }
     let bytes = Table::new(columns).parquet("timings", run)?;
     depthloom_durable::write(path, &bytes).map_err(AnalysisError::write(path))
 }
@@ -61,6 +95,18 @@ pub fn read_timings(path: &Path) -> Result<Vec<Timing>, AnalysisError> {
         let (nodes, phases) = (texts("node")?, texts("phase")?);
         let (frames, cpu, wall, median) =
             (numbers("frames")?, numbers("cpu_ns")?, numbers("wall_ns")?, numbers("median_cpu_ns")?);
+        let latencies = LATENCIES.map(|(name, _)| numbers(name).ok());
+        let latency = |i: usize| {
+            let [p50_ns, p95_ns, p99_ns, max_ns, jitter_ns] =
+                latencies.map(|column| column.and_then(|column| column.get(i)));
+            Some(TimingLatency {
+                p50_ns: p50_ns?,
+                p95_ns: p95_ns?,
+                p99_ns: p99_ns?,
+                max_ns: max_ns?,
+                jitter_ns: jitter_ns?,
+            })
+        };
         let named = |i: usize| {
             let (stage, node) = (stages.get(i).unwrap_or_default(), nodes.get(i).unwrap_or_default());
             match (variants, node.rsplit_once('/')) {
@@ -81,6 +127,7 @@ pub fn read_timings(path: &Path) -> Result<Vec<Timing>, AnalysisError> {
             cpu_ns: cpu.get(i).unwrap_or(0),
             wall_ns: wall.get(i).unwrap_or(0),
             median_cpu_ns: median.get(i),
+            latency: latency(i),
         };
         Ok((0..table.height()).map(row).collect())
     };
@@ -134,6 +181,30 @@ fn render(timings: &[Timing]) -> String {
         text.push_str(&format!("\nonce, after the last frame of its stage\n\n{}", head("times")));
         text.extend(rows(true).map(row));
     }
+    text.push_str(&latencies(timings, &names, wide));
+    text
+}
+
+/// The latencies of a live run, if it was one.
+fn latencies(timings: &[Timing], names: &[String], wide: usize) -> String {
+    let rows: Vec<(&String, TimingLatency)> = timings
+        .iter()
+        .zip(names)
+        // Compression is a part of encoding.
+        .filter(|(timing, _)| timing.phase != "compress")
+        .filter_map(|(timing, name)| Some((name, timing.latency?)))
+        .collect();
+    if rows.is_empty() {
+        return String::new();
+    }
+    let mut text = format!(
+        "\nlatency since capture, ms; jitter: mean absolute difference between successive frames\n\n{:wide$}  {:>9}  {:>9}  {:>9}  {:>9}  {:>9}\n",
+        "node", "p50", "p95", "p99", "max", "jitter"
+    );
+    for (name, latency) in rows {
+        let [p50, p95, p99, max, jitter] = LATENCIES.map(|(_, number)| number(&latency) as f64 / 1e6);
+        text.push_str(&format!("{name:wide$}  {p50:>9.3}  {p95:>9.3}  {p99:>9.3}  {max:>9.3}  {jitter:>9.3}\n"));
+    }
     text
 }
 
@@ -156,6 +227,7 @@ mod tests {
             cpu_ns,
             wall_ns: cpu_ns + 1_000_000,
             median_cpu_ns,
+            latency: None,
         };
         vec![
             timing("compare", None, "stereo", "process", 300_000_000, Some(74_500_000)),
@@ -202,6 +274,7 @@ mod tests {
             cpu_ns: 1_600_000_000,
             wall_ns: 900_000_000,
             median_cpu_ns: None,
+            latency: None,
         };
         let lines = render(&[timings(), vec![once]].concat());
         let lines: Vec<&str> = lines.lines().collect();
@@ -218,6 +291,35 @@ mod tests {
                 "",
                 "node             phase      times    core-ms     median    wall-ms   share",
                 "learn.train      once           1   1600.000          -    900.000   80.0%",
+            ]
+        );
+    }
+
+    #[test]
+    fn latencies_of_a_live_run_are_written_and_printed() {
+        let latency = |ms: u64| TimingLatency {
+            p50_ns: ms * 1_000_000,
+            p95_ns: 2 * ms * 1_000_000,
+            p99_ns: 3 * ms * 1_000_000,
+            max_ns: 4 * ms * 1_000_000,
+            jitter_ns: 500_000,
+        };
+        let mut timings = timings();
+        timings[1].latency = Some(latency(20));
+        timings[2].latency = Some(latency(30));
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("timings.parquet");
+        write_timings(&timings, &Key::of_content(b"a plan"), &path).unwrap();
+        assert_eq!(read_timings(&path).unwrap(), timings);
+        let text = render(&timings);
+        let (_, latencies) = text.split_once("latency since capture, ms").unwrap();
+        let lines: Vec<&str> = latencies.lines().skip(2).collect();
+        assert_eq!(
+            lines,
+            [
+                "node                   p50        p95        p99        max     jitter",
+                "compare.a/fused     20.000     40.000     60.000     80.000      0.500",
+                "recording           30.000     60.000     90.000    120.000      0.500",
             ]
         );
     }

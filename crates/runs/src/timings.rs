@@ -2,7 +2,7 @@
 
 use std::path::Path;
 
-use depthloom_analysis::{RowKeys, plan_key};
+use depthloom_analysis::{RowKeys, TimingLatency, plan_key};
 use depthloom_graphs::plan::Plan;
 use depthloom_recording::{RecordedPlan, Recorder};
 use depthloom_runner::Phase;
@@ -13,7 +13,7 @@ use depthloom_terminal::{CliError, ExitCode};
 /// # Errors
 /// If the file cannot be written.
 pub fn write_timings(
-    timings: &[depthloom_runner::Timing],
+    report: &depthloom_runner::Report,
     plan: &Plan,
     recorder: &Recorder,
     path: &Path,
@@ -22,7 +22,7 @@ pub fn write_timings(
     let recorded = RecordedPlan::read_back(plan).map_err(failed)?;
     let row_keys = RowKeys::new(&recorded);
     let rows: Vec<depthloom_analysis::Timing> =
-        timings.iter().flat_map(|timing| rows(timing, plan, &row_keys, recorder)).collect();
+        report.timings.iter().flat_map(|timing| rows(timing, report, plan, &row_keys, recorder)).collect();
     depthloom_analysis::write_timings(&rows, &plan_key(&recorded), path)
         .map_err(|error| CliError::from_error(ExitCode::Engine, &error))
 }
@@ -30,6 +30,7 @@ pub fn write_timings(
 /// The rows of a timing: one, or two if compression is a part of encoding.
 fn rows(
     timing: &depthloom_runner::Timing,
+    report: &depthloom_runner::Report,
     plan: &Plan,
     row_keys: &RowKeys<'_>,
     recorder: &Recorder,
@@ -39,6 +40,12 @@ fn rows(
         Phase::Once(node) | Phase::Node(node) => &run.nodes[node].variants,
         Phase::Source | Phase::Write | Phase::Encode(_) => &run.variants,
     };
+    let live = report.live.as_ref().filter(|live| live.run == timing.run);
+    let step = live.and_then(|live| live.steps.iter().find(|step| step.phase == timing.phase));
+    let latency = step.map(|step| {
+        let depthloom_runner::Latency { p50_ns, p95_ns, p99_ns, max_ns, jitter_ns, .. } = step.latency;
+        TimingLatency { p50_ns, p95_ns, p99_ns, max_ns, jitter_ns }
+    });
     let row =
         |node: String, phase: &str, cpu_ns: u64, wall_ns: u64, median_cpu_ns: Option<u64>| depthloom_analysis::Timing {
             row_key: row_keys.for_variants(&run.stage, variants),
@@ -48,6 +55,7 @@ fn rows(
             cpu_ns,
             wall_ns,
             median_cpu_ns,
+            latency,
         };
     let whole =
         |node: String, phase: &str| row(node, phase, timing.cpu.sum_ns, timing.wall.sum_ns, timing.median_cpu_ns());

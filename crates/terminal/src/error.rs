@@ -18,7 +18,8 @@ pub enum ExitCode {
     Engine = 1,
     /// An argument, the experiment or a file is wrong: found before any frame was admitted.
     Usage = 2,
-    /// Frames failed, values differ, a limit was exceeded, no pixel was scored, or a recording is damaged.
+    /// Frames failed or were dropped, values differ, a limit was exceeded, no pixel was scored, or a recording is
+    /// damaged.
     FrameFailures = 3,
     /// Interrupted.
     Interrupted = 130,
@@ -35,7 +36,7 @@ impl ExitCode {
         ),
         (
             Self::FrameFailures,
-            "frames failed, values differ, a limit of --fail-if was exceeded, no pixel was scored, or a recording is damaged",
+            "frames failed or were dropped, values differ, a limit of --fail-if was exceeded, no pixel was scored, or a recording is damaged",
         ),
         (Self::Interrupted, "interrupted; complete frames and files stay readable"),
     ];

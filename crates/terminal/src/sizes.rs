@@ -1,4 +1,4 @@
-//! Bytes and ages as people read and write them.
+//! Bytes, times and ages as people read and write them.
 
 use std::time::Duration;
 
@@ -34,6 +34,17 @@ pub fn parse_age(text: &str) -> Result<Duration, String> {
     seconds.ok_or_else(|| "expected an age such as 30d, 12h, 2w or 90min".to_owned())
 }
 
+/// A time as people write one: `20s`, `500ms`, `10min`, `2h`.
+///
+/// # Errors
+/// What is expected, if it is not one, or zero.
+pub fn parse_duration(text: &str) -> Result<Duration, String> {
+    let known = [("ms", 0.001), ("s", 1.0), ("min", 60.0), ("h", 3600.0)];
+    let seconds = number_of(text, known).filter(|seconds| *seconds > 0.0);
+    let duration = seconds.and_then(|seconds| Duration::try_from_secs_f64(seconds).ok());
+    duration.ok_or_else(|| "expected a time such as 20s, 500ms, 10min or 2h".to_owned())
+}
+
 /// A number in one of these units, whose letters may be large or small.
 fn number_of<'a>(text: &str, units: impl IntoIterator<Item = (&'a str, f64)>) -> Option<f64> {
     let digits = text.trim_end_matches(|c: char| c.is_ascii_alphabetic() || c == ' ');
@@ -47,7 +58,7 @@ fn number_of<'a>(text: &str, units: impl IntoIterator<Item = (&'a str, f64)>) ->
 mod tests {
     use std::time::Duration;
 
-    use super::{parse_age, parse_size, size};
+    use super::{parse_age, parse_duration, parse_size, size};
 
     #[test]
     fn sizes_and_ages_have_units() {
@@ -59,6 +70,11 @@ mod tests {
         }
         assert_eq!(parse_age("30d"), Ok(Duration::from_secs(30 * 86_400)));
         assert_eq!(parse_age("90 min"), Ok(Duration::from_secs(5400)));
+        assert_eq!(parse_duration("500 ms"), Ok(Duration::from_millis(500)));
+        assert_eq!(parse_duration("1.5min"), Ok(Duration::from_secs(90)));
+        for wrong in ["", "20", "0s", "-1s", "1d", "infs"] {
+            assert!(parse_duration(wrong).is_err(), "{wrong}");
+        }
         for wrong in ["", "30", "d", "-1d", "1e300w", "nand"] {
             assert!(parse_age(wrong).is_err(), "{wrong}");
         }

@@ -40,6 +40,9 @@ pub trait StreamingSource: Send {
     /// The device or program at fault, and the remedy. The stream has ended then.
     fn next(&mut self, deadline: Instant) -> Result<NextFrame, Fault>;
 
+    /// Discards frames that wait to be taken: the next one is captured after this call. None of them counts as lost.
+    fn skip_to_now(&mut self) {}
+
     /// The warnings since the last call, as lower-case fragments.
     fn take_warnings(&mut self) -> Vec<String> {
         Vec::new()

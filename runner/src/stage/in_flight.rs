@@ -3,10 +3,11 @@
 use std::collections::BTreeMap;
 use std::sync::atomic::{AtomicU32, Ordering};
 use std::sync::{Mutex, OnceLock};
+use std::time::Instant;
 
-use depthloom_graphs::contracts::{ErrorMessage, NodeWarning};
+use depthloom_graphs::contracts::{Drops, ErrorMessage, Frame, NodeWarning};
 use depthloom_graphs::plan::{FrameIndex, PartId};
-use depthloom_graphs::{Fault, Key, Value};
+use depthloom_graphs::{Fault, Key, SourceOutputs, Value};
 use depthloom_threads::locked;
 
 use crate::audit::failure::AuditFailure;
@@ -40,6 +41,15 @@ impl Settled {
     }
 }
 
+/// How a frame of a live stage arrived.
+pub(crate) struct LiveArrival {
+    /// Its values, until the source's step takes them.
+    pub(crate) read: Mutex<Option<SourceOutputs>>,
+    pub(crate) captured: Instant,
+    /// The frames dropped before it.
+    pub(crate) drops: Drops,
+}
+
 struct Progress {
     pending: AtomicU32,
     settled: OnceLock<Settled>,
@@ -55,6 +65,9 @@ struct Cell {
 /// A frame in flight; `P` is an encoded part.
 pub(crate) struct InFlight<P> {
     pub(crate) position: FrameIndex,
+    pub(crate) frame: Frame,
+    /// Of a live stage.
+    pub(crate) arrival: Option<LiveArrival>,
     /// Set by the source's step if there is a store.
     pub(crate) plan: OnceLock<FramePlan>,
     /// Stored values that nodes need, until their steps put them into their places.
@@ -72,11 +85,13 @@ pub(crate) struct InFlight<P> {
 }
 
 impl<P> InFlight<P> {
-    pub(crate) fn new(position: FrameIndex, graph: &FrameGraph) -> Self {
+    pub(crate) fn new(position: FrameIndex, frame: Frame, arrival: Option<LiveArrival>, graph: &FrameGraph) -> Self {
         let progress = |waits_for| Progress { pending: AtomicU32::new(waits_for), settled: OnceLock::new() };
         let cell = |place: &Place| Mutex::new(Cell { value: None, key: None, uses: place.uses });
         Self {
             position,
+            frame,
+            arrival,
             plan: OnceLock::new(),
             loaded: Mutex::default(),
             absent: Mutex::default(),

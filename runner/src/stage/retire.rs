@@ -4,7 +4,7 @@ use std::collections::BTreeMap;
 use std::sync::Arc;
 
 use crossbeam::channel::Receiver;
-use depthloom_graphs::contracts::{Commit, Failure, Sink, Slot, SlotKey};
+use depthloom_graphs::contracts::{Commit, Failure, LiveCommit, Sink, Slot, SlotKey};
 use depthloom_graphs::plan::{FrameIndex, NodeId, PartId, Plan, RunId};
 use depthloom_graphs::{Fault, Frame, Key};
 
@@ -24,7 +24,7 @@ pub(crate) struct Ledger<'a> {
     pub(crate) stage: StageReport,
     failures: Vec<FrameFailure>,
     /// By step, then the writer's.
-    timings: Vec<Timing>,
+    pub(super) timings: Vec<Timing>,
 }
 
 impl<'a> Ledger<'a> {
@@ -80,7 +80,7 @@ pub(crate) fn retire_all<T: Sink>(
             && !stage.context.interrupt.stops_admission()
             && !stage.is_past_the_last(FrameIndex(admitted))
         {
-            stage.admit(FrameIndex(admitted));
+            stage.admit(FrameIndex(admitted), frames[admitted].clone(), None);
             admitted += 1;
             ledger.stage.admitted += 1;
             ledger.stage.peak_in_flight = ledger.stage.peak_in_flight.max(admitted - retired);
@@ -97,19 +97,21 @@ pub(crate) fn retire_all<T: Sink>(
         if stage.context.interrupt.aborts() {
             return Err(RunError::Aborted);
         }
-        write(stage, &frame, &frames[retired], ledger)?;
+        write(stage, &frame, None, ledger)?;
         retired += 1;
         stage.set_oldest(FrameIndex(retired));
     }
     Ok(if retired == frames.len() { Completion::Complete } else { Completion::Interrupted })
 }
 
-fn write<T: Sink>(
+/// Writes a frame whose steps have all ended.
+pub(super) fn write<T: Sink>(
     stage: &Stage<'_, T>,
     in_flight: &InFlight<T::Part>,
-    frame: &Frame,
+    live: Option<LiveCommit>,
     ledger: &mut Ledger<'_>,
 ) -> Result<(), RunError> {
+    let frame = &in_flight.frame;
     let sink_failed =
         |error| RunError::Sink { stage: stage.plan.stage.clone(), what: format!("frame {}", frame.id), error };
     let mut faults = in_flight.take_faults();
@@ -130,7 +132,7 @@ fn write<T: Sink>(
         let absent = in_flight.take_absent().into_iter();
         let absent: Vec<Slot> = absent.filter_map(|absent| slot_of(stage.plan, absent)).collect();
         let (keys, failures, absent, warnings) = (&keys, &failures, &absent, &warnings);
-        let commit = Commit { run: stage.run, frame, source_key, keys, failures, absent, warnings, live: None };
+        let commit = Commit { run: stage.run, frame, source_key, keys, failures, absent, warnings, live };
         guarded_sink(|| stage.context.sink.write(&commit, in_flight.take_parts())).map_err(sink_failed)?;
         if let Some(timing) = ledger.timings.last_mut() {
             timing.add(frame.index, watch.stop(0));

@@ -5,7 +5,7 @@ use std::sync::atomic::Ordering;
 use depthloom_graphs::contracts::{Sink, Slot, StoredValue};
 use depthloom_graphs::plan::{FrameIndex, NodeId, PartId, PlannedNode};
 use depthloom_graphs::value_keys::{self, Observed};
-use depthloom_graphs::{Context, Fault, Frame, Host as _, Inputs, Key, Outputs, Scratch, Value};
+use depthloom_graphs::{Context, Fault, Frame, Host as _, Inputs, Key, Outputs, Scratch, SourceOutputs, Value};
 use depthloom_threads::locked;
 
 use super::{FrameNode, Stage, process_pure};
@@ -53,6 +53,11 @@ impl<T: Sink> Stage<'_, T> {
         let (watch, host) = (worker.start(), self.host(None, frame.position));
         let mut ctx = Context::new(&host, &mut worker.scratch);
         let read = guarded(|| {
+            if let Some(arrival) = &frame.arrival {
+                let read = locked(&arrival.read).take();
+                let SourceOutputs { outputs, key } = read.ok_or_else(|| Fault::new("the frame was read before"))?;
+                return Ok(Some((outputs.in_order_of(&self.graph.producers[StepId::SOURCE].outputs)?, key)));
+            }
             // The key decides whether the frame is read at all. What was read must have the same key.
             let key = self.source.key(frame.position)?;
             if let Some(reuse) = &self.reuse {
@@ -132,7 +137,7 @@ impl<T: Sink> Stage<'_, T> {
         }
         let producer = &self.graph.producers[step];
         let planned = &self.plan.nodes[node];
-        let (node_hash, instant) = (&planned.node_hash, &self.source.frames()[frame.position]);
+        let (node_hash, instant) = (&planned.node_hash, &frame.frame);
         let (watch, host) = (worker.start(), self.host(Some(node), frame.position));
         let inputs = Inputs::new(&producer.inputs, &worker.inputs);
         let mut ctx = Context::new(&host, &mut worker.scratch);
@@ -142,7 +147,10 @@ impl<T: Sink> Stage<'_, T> {
                 let process = || guarded(|| process_pure(&**pure, planned, instant, &inputs, &mut ctx));
                 with_files(planned, instant, process).and_then(|(outputs, files)| {
                     let observed = planned.observes.as_ref().map(|_| Observed { frame: instant, files });
-                    Ok((in_order(outputs)?, value_keys::pure(node_hash, observed, &worker.keys)))
+                    let key = value_keys::pure(node_hash, observed, &worker.keys);
+                    let key =
+                        locked(&host.observed).take().map_or(key, |observed| value_keys::disturbed(&key, &observed));
+                    Ok((in_order(outputs)?, key))
                 })
             }
             FrameNode::Ordered(ordered) => {
@@ -161,6 +169,10 @@ impl<T: Sink> Stage<'_, T> {
                         self.audit_again(frame, step, &values);
                         let observed = Observed { frame: instant, files };
                         let key = value_keys::ordered(node_hash, state.last_key.as_ref(), observed, &worker.keys);
+                        // Whatever else decided the values must differ in a run that reuses them.
+                        let key = locked(&host.observed)
+                            .take()
+                            .map_or(key, |observed| value_keys::disturbed(&key, &observed));
                         state.last_key = Some(key);
                         Ok((values, key))
                     }
@@ -275,8 +287,7 @@ impl<T: Sink> Stage<'_, T> {
             return Settled::at_once(Outcome::Absent);
         }
         let (watch, host) = (worker.start(), self.host(None, frame.position));
-        let instant = &self.source.frames()[frame.position];
-        let (sink, position, values) = (self.context.sink, (frame.position, instant), &worker.values);
+        let (sink, position, values) = (self.context.sink, (frame.position, &frame.frame), &worker.values);
         let encoded = guarded_sink(|| {
             if stored.is_empty() {
                 return sink.encode(self.run, position, part, values);

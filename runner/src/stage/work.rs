@@ -20,7 +20,7 @@ impl<T: Sink> Stage<'_, T> {
         let _end_all = EndAll(self);
         let mut worker = WorkerState::default();
         let mut own = None;
-        while let Some(permit) = self.context.budget.permit_for(|| !self.queues.is_empty(), || self.is_over()) {
+        while let Some(permit) = self.context.budget.permit_for(|| self.has_tasks(), || self.is_over()) {
             while !self.is_over() {
                 let Some(task) = self.next(own.take()) else { break };
                 own = self.perform(task, &mut worker, done);
@@ -32,7 +32,9 @@ impl<T: Sink> Stage<'_, T> {
 
     /// The worker's own task, unless an older frame has one.
     fn next(&self, own: Option<Task<T::Part>>) -> Option<Task<T::Part>> {
-        let Some(mine) = own else { return self.queues.pop() };
+        let Some(mine) = own else {
+            return self.queues.pop().or_else(|| self.encode_queues.as_ref()?.pop());
+        };
         let Some(older) = self.queues.pop_older_than(mine.frame.position) else { return Some(mine) };
         self.queues.push(mine.frame.position, mine);
         self.context.budget.wake(1);
@@ -58,7 +60,10 @@ impl<T: Sink> Stage<'_, T> {
         let (mut next, mut queued) = (None, 0);
         let mut offer = |frame: FrameInFlight<T>, step| {
             let task = Task { frame, step };
-            if next.is_none() {
+            if let (Some(queues), Step::Encode(_)) = (&self.encode_queues, self.graph.step(step)) {
+                queues.push(task.frame.position, task);
+                queued += 1;
+            } else if next.is_none() {
                 next = Some(task);
             } else {
                 self.queues.push(task.frame.position, task);

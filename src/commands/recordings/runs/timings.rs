@@ -1,6 +1,6 @@
 //! `depthloom runs timings`: where a run spent its time.
 
-use depthloom_analysis::{AnalysisError, RowKey};
+use depthloom_analysis::{AnalysisError, RowKey, TimingLatency};
 use depthloom_runs::{TIMINGS, named, partial_with, remedy_of_partial};
 use depthloom_terminal::{CliError, ExitCode, print};
 use schemars::JsonSchema;
@@ -28,6 +28,19 @@ pub(crate) struct Timing {
     cpu_ns: u64,
     wall_ns: u64,
     median_cpu_ns: Option<u64>,
+    /// From the capture of a frame until this part had finished it; null unless the run was live.
+    latency: Option<Latency>,
+}
+
+/// Percentiles of a latency over frames, nanoseconds.
+#[derive(JsonSchema, Serialize)]
+struct Latency {
+    p50_ns: u64,
+    p95_ns: u64,
+    p99_ns: u64,
+    max_ns: u64,
+    /// The mean absolute difference between successive frames.
+    jitter_ns: u64,
 }
 
 /// Prints core-milliseconds per frame by node, encoding, compression and writing.
@@ -53,8 +66,13 @@ pub(super) fn timings(args: &RunsArgs, command: &TimingsArgs) -> Result<ExitCode
 impl Timing {
     /// A timing under the names of the columns of `timings.parquet`.
     fn new(timing: depthloom_analysis::Timing) -> Self {
-        let depthloom_analysis::Timing { row_key, node, phase, frames, cpu_ns, wall_ns, median_cpu_ns } = timing;
+        let depthloom_analysis::Timing { row_key, node, phase, frames, cpu_ns, wall_ns, median_cpu_ns, latency } =
+            timing;
         let RowKey { stage, variant, .. } = row_key;
-        Self { stage, variant, node, phase, frames, cpu_ns, wall_ns, median_cpu_ns }
+        let latency = latency.map(|latency| {
+            let TimingLatency { p50_ns, p95_ns, p99_ns, max_ns, jitter_ns } = latency;
+            Latency { p50_ns, p95_ns, p99_ns, max_ns, jitter_ns }
+        });
+        Self { stage, variant, node, phase, frames, cpu_ns, wall_ns, median_cpu_ns, latency }
     }
 }

@@ -1,0 +1,290 @@
+//! A seekable source at the rate of a camera.
+
+use std::time::{Duration, Instant};
+
+use depthloom_graphs::contracts::{
+    Context, Fault, Frame, InlineHost, NextFrame, Scratch, StreamFrame, StreamingSource,
+};
+use depthloom_graphs::plan::FrameIndex;
+use depthloom_graphs::{Outputs, Source, SourceOutputs};
+
+/// When frames are due.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Pace {
+    /// So many frames per second.
+    Rate(f64),
+    /// At their time stamps, counted from the first frame.
+    TimeStamps,
+}
+
+/// How a seekable source is played.
+#[derive(Clone, Debug)]
+pub struct Playback {
+    /// When frames are due.
+    pub pace: Pace,
+    /// How many frames are read into memory before the first one is due, so that reading them takes no time later.
+    pub preload: usize,
+    /// Whether the frames are repeated when all were played. Repeated frames get new ids and indices.
+    pub repeat: bool,
+    /// Whether a frame that is read too late is played late, instead of being skipped.
+    pub no_drop: bool,
+    /// Outputs that are left out, such as ground truth, which a camera does not have.
+    pub hidden: Vec<&'static str>,
+}
+
+/// A longer gap between time stamps is a jump of the clock.
+const LONGEST_GAP: Duration = Duration::from_secs(60);
+
+/// A seekable source as a stream. Each frame is read before it is due. A frame that is still being read when the next
+/// one is due is late; frames that are due meanwhile are lost by the source.
+pub struct Paced {
+    source: Box<dyn Source>,
+    playback: Playback,
+    /// By frame, when it is due after the first one.
+    due: Vec<Duration>,
+    /// From the first frame of a pass to that of the next.
+    pass: Duration,
+    loaded: Vec<SourceOutputs>,
+    start: Option<Instant>,
+    /// The number of the next frame, over all passes.
+    next: usize,
+    ready: Option<(Frame, SourceOutputs)>,
+    missed: u64,
+    warnings: Vec<String>,
+    scratch: Scratch,
+}
+
+impl Paced {
+    /// Plays a source. Reads the frames to preload.
+    ///
+    /// # Errors
+    /// If a frame to preload cannot be read, or the source has no frame.
+    pub fn new(source: Box<dyn Source>, playback: Playback) -> Result<Self, Fault> {
+        let frames = source.frames();
+        if frames.is_empty() {
+            return Err(Fault::new("the source has no frames"));
+        }
+        let (due, jumps) = due_times(frames, playback.pace);
+        let typical = due.last().zip(u32::try_from(due.len() - 1).ok().filter(|count| *count > 0));
+        let pass = match playback.pace {
+            Pace::Rate(rate) => seconds(frames.len() as f64 / rate),
+            Pace::TimeStamps => typical.map_or(Duration::from_millis(100), |(last, gaps)| *last + *last / gaps),
+        };
+        let warnings = (jumps > 0).then(|| {
+            format!(
+                "the time stamps of {jumps} frames precede the frame before, or follow it by more than 60 s: they are played at once"
+            )
+        });
+        let mut paced = Self {
+            source,
+            playback,
+            due,
+            pass,
+            loaded: Vec::new(),
+            start: None,
+            next: 0,
+            ready: None,
+            missed: 0,
+            warnings: warnings.into_iter().collect(),
+            scratch: Scratch::default(),
+        };
+        for position in 0..paced.playback.preload.min(paced.source.frames().len()) {
+            let read = paced.read(position)?;
+            paced.loaded.push(read);
+        }
+        Ok(paced)
+    }
+
+    fn read(&mut self, position: usize) -> Result<SourceOutputs, Fault> {
+        if let Some(read) = self.loaded.get(position) {
+            return Ok(read.clone());
+        }
+        let SourceOutputs { outputs, key } =
+            self.source.read(FrameIndex(position), &mut Context::new(&InlineHost, &mut self.scratch))?;
+        let shown = outputs.entries().filter(|(port, _)| !self.playback.hidden.contains(port));
+        let outputs = shown.fold(Outputs::none(), |outputs, (port, value)| outputs.with(port, value.clone()));
+        Ok(SourceOutputs { outputs, key })
+    }
+
+    fn count(&self) -> usize {
+        self.source.frames().len()
+    }
+
+    fn due(&self, number: usize) -> Duration {
+        let passes = u32::try_from(number / self.count()).unwrap_or(u32::MAX);
+        self.pass.saturating_mul(passes) + self.due[number % self.count()]
+    }
+
+    /// The frame of that number: in later passes with another id and index.
+    fn frame(&self, number: usize) -> Frame {
+        let frames = self.source.frames();
+        let frame = &frames[number % self.count()];
+        let pass = (number / self.count()) as u64;
+        if pass == 0 {
+            return frame.clone();
+        }
+        let span = frames.iter().map(|frame| frame.index + 1).max().unwrap_or(0);
+        let pass_ns = u64::try_from(self.pass.as_nanos()).unwrap_or(u64::MAX);
+        Frame {
+            id: format!("{}+{pass}", frame.id).into(),
+            index: frame.index.saturating_add(span.saturating_mul(pass)),
+            time_ns: frame.time_ns.saturating_add(pass_ns.saturating_mul(pass)),
+        }
+    }
+}
+
+impl StreamingSource for Paced {
+    fn next(&mut self, deadline: Instant) -> Result<NextFrame, Fault> {
+        if !self.playback.repeat && self.next >= self.count() {
+            return Ok(NextFrame::Ended);
+        }
+        let (frame, read) = match self.ready.take() {
+            Some(ready) => ready,
+            None => (self.frame(self.next), self.read(self.next % self.count())?),
+        };
+        let start = *self.start.get_or_insert_with(Instant::now);
+        let due = start + self.due(self.next);
+        let now = Instant::now();
+        if due > now {
+            if due > deadline {
+                self.ready = Some((frame, read));
+                std::thread::sleep(deadline.saturating_duration_since(now));
+                return Ok(NextFrame::TimedOut);
+            }
+            std::thread::sleep(due - now);
+        }
+        let captured = Instant::now();
+        self.next += 1;
+        let missed = std::mem::take(&mut self.missed);
+        if self.playback.no_drop {
+            // Later frames keep their distance to this one.
+            self.start = Some(start + captured.saturating_duration_since(due));
+        } else {
+            // Of the frames that are due by now, a camera would have the last one.
+            while (self.playback.repeat || self.next + 1 < self.count()) && start + self.due(self.next + 1) <= captured
+            {
+                (self.next, self.missed) = (self.next + 1, self.missed + 1);
+            }
+        }
+        Ok(NextFrame::Captured(Box::new(StreamFrame { frame, read, captured, missed })))
+    }
+
+    fn skip_to_now(&mut self) {
+        self.missed = 0;
+        self.start = Instant::now().checked_sub(self.due(self.next));
+    }
+
+    fn take_warnings(&mut self) -> Vec<String> {
+        std::mem::take(&mut self.warnings)
+    }
+}
+
+/// By frame, when it is due after the first one; and how many time stamps jump.
+fn due_times(frames: &[Frame], pace: Pace) -> (Vec<Duration>, u64) {
+    match pace {
+        Pace::Rate(rate) => ((0..=frames.len()).map(|k| seconds(k as f64 / rate)).take(frames.len()).collect(), 0),
+        Pace::TimeStamps => {
+            let (mut due, mut jumps) = (vec![Duration::ZERO], 0);
+            for pair in frames.windows(2) {
+                let gap = pair[1].time_ns.checked_sub(pair[0].time_ns).map(Duration::from_nanos);
+                let gap = gap.filter(|gap| *gap <= LONGEST_GAP).unwrap_or_else(|| {
+                    jumps += 1;
+                    Duration::ZERO
+                });
+                due.push(due[due.len() - 1] + gap);
+            }
+            (due, jumps)
+        }
+    }
+}
+
+fn seconds(seconds: f64) -> Duration {
+    Duration::try_from_secs_f64(seconds).unwrap_or(Duration::MAX)
+}
+
+#[cfg(test)]
+mod tests {
+    use std::time::{Duration, Instant};
+
+    use depthloom_graphs::contracts::{Context, Fault, Frame, NextFrame, StreamingSource};
+    use depthloom_graphs::plan::FrameIndex;
+    use depthloom_graphs::{Key, Outputs, Source, SourceOutputs};
+
+    use super::{Pace, Paced, Playback, due_times};
+
+    struct Slow {
+        frames: Vec<Frame>,
+        read_ms: u64,
+    }
+
+    impl Source for Slow {
+        fn frames(&self) -> &[Frame] {
+            &self.frames
+        }
+        fn key(&self, position: FrameIndex) -> Result<Key, Fault> {
+            Ok(Key::of_content(&position.0.to_le_bytes()))
+        }
+        fn read(&self, position: FrameIndex, _: &mut Context<'_>) -> Result<SourceOutputs, Fault> {
+            std::thread::sleep(Duration::from_millis(self.read_ms));
+            Ok(SourceOutputs { outputs: Outputs::none(), key: self.key(position)? })
+        }
+    }
+
+    fn play(frames: u64, read_ms: u64, playback: Playback) -> (Vec<(u64, u64)>, Duration) {
+        let frames = (0..frames).map(|k| Frame::at_10_hz(k.to_string(), k)).collect();
+        let mut paced = Paced::new(Box::new(Slow { frames, read_ms }), playback).expect("it has frames");
+        let (started, mut played) = (Instant::now(), Vec::new());
+        loop {
+            match paced.next(Instant::now() + Duration::from_millis(5)).expect("it can be read") {
+                NextFrame::Captured(captured) => played.push((captured.frame.index, captured.missed)),
+                NextFrame::TimedOut => {}
+                NextFrame::Ended => return (played, started.elapsed()),
+            }
+            if played.len() == 8 {
+                return (played, started.elapsed());
+            }
+        }
+    }
+
+    fn playback(pace: Pace) -> Playback {
+        Playback { pace, preload: 0, repeat: false, no_drop: false, hidden: Vec::new() }
+    }
+
+    #[test]
+    fn frames_are_played_when_they_are_due() {
+        let (played, took) = play(5, 0, playback(Pace::Rate(100.0)));
+        assert_eq!(played, (0..5).map(|k| (k, 0)).collect::<Vec<_>>());
+        assert!(took >= Duration::from_millis(40), "{took:?}");
+        let (played, took) = play(2, 0, playback(Pace::TimeStamps));
+        assert_eq!(played.len(), 2);
+        assert!(took >= Duration::from_millis(100), "{took:?}");
+    }
+
+    #[test]
+    fn a_slow_source_loses_frames_unless_none_may_be_dropped() {
+        let (played, _) = play(40, 30, playback(Pace::Rate(100.0)));
+        assert!(played.iter().any(|(_, missed)| *missed > 0), "{played:?}");
+        for pair in played.windows(2) {
+            assert_eq!(pair[1].0, pair[0].0 + 1 + pair[1].1, "{played:?}");
+        }
+        let (played, _) = play(4, 30, Playback { no_drop: true, ..playback(Pace::Rate(100.0)) });
+        assert_eq!(played, (0..4).map(|k| (k, 0)).collect::<Vec<_>>());
+        let preload = Playback { preload: 40, ..playback(Pace::Rate(50.0)) };
+        let (played, _) = play(6, 5, preload);
+        assert_eq!(played, (0..6).map(|k| (k, 0)).collect::<Vec<_>>());
+    }
+
+    #[test]
+    fn repeated_frames_have_new_indices() {
+        let (played, _) = play(3, 0, Playback { repeat: true, no_drop: true, ..playback(Pace::Rate(1000.0)) });
+        assert_eq!(played.iter().map(|(index, _)| *index).collect::<Vec<_>>(), (0..8).collect::<Vec<_>>());
+    }
+
+    #[test]
+    fn a_clock_that_jumps_is_counted_and_does_not_stop_the_stream() {
+        let at = |ms: u64| Frame { id: "a".into(), index: 0, time_ns: ms * 1_000_000 };
+        let (due, jumps) = due_times(&[at(0), at(10), at(5), at(4_000_000), at(4_000_010)], Pace::TimeStamps);
+        assert_eq!(due, [0, 10, 10, 10, 20].map(Duration::from_millis));
+        assert_eq!(jumps, 2);
+    }
+}

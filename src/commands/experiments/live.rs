@@ -1,0 +1,110 @@
+//! `depthloom live`: one stage of an experiment at the rate of its source.
+
+use depthloom_graphs::contracts::{Slot, StreamingSource};
+use depthloom_graphs::language::nearest;
+use depthloom_graphs::plan::{Plan, RunId};
+use depthloom_graphs::ready::{LiveInput, Ready};
+use depthloom_graphs::{Rate, Registry, counted};
+use depthloom_runner::{Live, LiveOptions, Pace, Paced, Playback};
+use depthloom_terminal::{CliError, ExitCode};
+
+use crate::allow_exec;
+use crate::args::LiveArgs;
+use crate::execution::live::{carry_out, is_silent};
+use crate::experiment::{is_file, load};
+use crate::process_limits;
+use crate::signals;
+
+/// Loads, plans, opens, runs live, records and prints.
+pub(crate) fn live(args: &LiveArgs, registry: &Registry) -> Result<ExitCode, CliError> {
+    is_file(&args.experiment)?;
+    process_limits::apply(&args.limits)?;
+    let mut loaded = load(&args.experiment, registry, is_silent(args))?;
+    let run = run_of(&loaded.plan, args.stage.as_deref())?;
+    let hidden = record_only(&mut loaded.plan, run, args.scores);
+    allow_exec::decide(args.exec, Some((&args.experiment.experiment, &loaded)))?;
+    let (ready, input) =
+        Ready::live(loaded.plan.clone(), registry, run).map_err(|missing| CliError::of_missing(&missing))?;
+    let stream = stream(args, input, hidden, &loaded.plan.runs[run].source.name)?;
+    let options = LiveOptions {
+        duration: args.duration,
+        no_drop: args.no_drop,
+        deadline: args.deadline,
+        window: args.window.map(usize::from),
+    };
+    let interrupt = signals::listen("stopping: the stream ends, frames in flight are finished")?;
+    carry_out(args, loaded, ready, Live { run, stream, options }, &interrupt)
+}
+
+/// The stage to run live.
+fn run_of(plan: &Plan, stage: Option<&str>) -> Result<RunId, CliError> {
+    let names = || plan.runs.iter().map(|run| run.stage.as_str());
+    let Some(last) = plan.runs.last() else {
+        return Err(CliError::usage("the experiment has no stage", "add one under `stages`"));
+    };
+    let name = stage.unwrap_or(&last.stage);
+    let runs: Vec<RunId> =
+        RunId::enumerate(&plan.runs).filter(|(_, run)| run.stage == name).map(|(run, _)| run).collect();
+    match runs.as_slice() {
+        [run] => Ok(*run),
+        [] => {
+            let near = nearest(name, names()).map_or_else(
+                || format!("its stages are {}", names().collect::<Vec<_>>().join(", ")),
+                |near| format!("did you mean `{near}`?"),
+            );
+            Err(CliError::usage(format!("--stage `{name}`: the experiment has no such stage"), near))
+        }
+        several => {
+            let count = counted(several.len() as u64, "source");
+            Err(CliError::usage(
+                format!("stage `{name}` has {count}, because its variants read different ones: one can run live"),
+                "choose variants that read the same source with --variant",
+            ))
+        }
+    }
+}
+
+/// Records the maps of the live stage only. Returns the outputs of its source that are hidden: its ground truth, unless
+/// it is scored.
+fn record_only(plan: &mut Plan, live: RunId, has_scores: bool) -> Vec<&'static str> {
+    for (run, stage) in RunId::enumerate(&mut plan.runs) {
+        if run != live {
+            let outputs = stage.nodes.iter_mut().flat_map(|node| &mut node.outputs).chain(&mut stage.source.outputs);
+            outputs.filter(|output| output.port.rate == Rate::Frame).for_each(|output| output.recorded = false);
+        }
+    }
+    let stage = &plan.runs[live];
+    let truths = stage.estimates.iter().filter_map(|estimate| match estimate.truth {
+        Slot::Source { port } => Some(stage.source.outputs[port].port.name),
+        Slot::Node { .. } => None,
+    });
+    if has_scores { Vec::new() } else { truths.collect() }
+}
+
+/// The frames: a stream as it is, a data set at a rate.
+fn stream(
+    args: &LiveArgs,
+    input: LiveInput,
+    hidden: Vec<&'static str>,
+    name: &str,
+) -> Result<Box<dyn StreamingSource>, CliError> {
+    let source = match input {
+        LiveInput::Listed(source) => source,
+        LiveInput::Stream(stream) => {
+            let options = [("--rate", args.rate.is_some()), ("--preload", args.preload > 0), ("--repeat", args.repeat)];
+            if let Some((option, _)) = options.iter().find(|(_, is_given)| *is_given) {
+                let what = format!("{option} is for data sets, and source `{name}` streams");
+                return Err(CliError::usage(what, "leave it out"));
+            }
+            return Ok(stream);
+        }
+    };
+    let pace = args.rate.map_or(Pace::TimeStamps, Pace::Rate);
+    let (preload, repeat, no_drop) = (args.preload, args.repeat, args.no_drop);
+    let paced = Paced::new(source, Playback { pace, preload, repeat, no_drop, hidden });
+    let paced = paced.map_err(|fault| {
+        let what = format!("source `{name}`");
+        CliError::remedied(ExitCode::Engine, &what, &fault)
+    })?;
+    Ok(Box::new(paced))
+}
