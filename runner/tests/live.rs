@@ -255,6 +255,33 @@ fn what_was_captured_before_a_failure_of_the_source_is_written() {
     assert_eq!((sink.lines().len(), counter.0.into_inner()), (20, 1));
 }
 
+/// A stream whose clock jumps back once.
+struct Jumping(Vec<u64>);
+
+impl StreamingSource for Jumping {
+    fn next(&mut self, _: Instant) -> Result<NextFrame, Fault> {
+        let Some(time_ns) = self.0.pop() else { return Ok(NextFrame::Ended) };
+        let index = self.0.len() as u64;
+        let outputs = Outputs::one("x", number(index << 16 | index));
+        let read = depthloom_graphs::SourceOutputs { outputs, key: Key::of_content(&index.to_le_bytes()) };
+        let frame = Frame { id: format!("f{index}").into(), index, time_ns };
+        Ok(NextFrame::Captured(Box::new(StreamFrame { frame, read, captured: Instant::now(), missed: 0 })))
+    }
+}
+
+#[test]
+fn a_clock_that_jumps_back_is_reported_and_the_frames_keep_their_time_stamps() {
+    let ready = sleeping(0, Duration::ZERO).ready();
+    let plan = ready.plan.clone();
+    let no_drop = LiveOptions { no_drop: true, ..LiveOptions::default() };
+    let stream = live(Box::new(Jumping(vec![40, 20, 10, 30, 20])), no_drop);
+    let sink = Notebook::with_parts(1);
+    let report = run_live(ready, stream, &sink, &options(2), &Unwatched, &Interrupt::default()).expect("it runs");
+    let warnings: Vec<String> = report.warnings.iter().map(|warning| warning.text(&plan)).collect();
+    assert_eq!(warnings, ["fly.numbers: the time stamp precedes that of the frame before, on 1 frame"]);
+    assert_eq!(report.live.expect("a stage was live").processed, 5);
+}
+
 /// A node whose values depend on more than its inputs, on the third frame.
 struct Disturbed;
 

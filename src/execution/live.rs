@@ -108,7 +108,8 @@ fn incomplete(args: &LiveArgs, finished: &Finished) -> Option<CliError> {
 fn options(args: &LiveArgs, checkpoints: Option<PathBuf>) -> Options {
     let workers = args.workers.map_or(Options::default().workers, usize::from);
     let window = args.window.map(usize::from);
-    Options { workers, window, keep_going: true, checkpoints, audit: Audit::default() }
+    // An audit would delay the start: `run` audits.
+    Options { workers, window, keep_going: true, checkpoints, audit: Audit::None }
 }
 
 fn execute(

@@ -30,6 +30,7 @@ mod guide;
 mod help;
 mod killed;
 mod learning;
+mod live;
 mod looking;
 mod lsp;
 mod networks;

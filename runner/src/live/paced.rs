@@ -42,8 +42,9 @@ pub struct Paced {
     playback: Playback,
     /// By frame, when it is due after the first one.
     due: Vec<Duration>,
-    /// From the first frame of a pass to that of the next.
+    /// From the first frame of a pass to that of the next, as played; and by the clock of the source, nanoseconds.
     pass: Duration,
+    pass_ns: u64,
     loaded: Vec<SourceOutputs>,
     start: Option<Instant>,
     /// The number of the next frame, over all passes.
@@ -65,10 +66,12 @@ impl Paced {
             return Err(Fault::new("the source has no frames"));
         }
         let (due, jumps) = due_times(frames, playback.pace);
-        let typical = due.last().zip(u32::try_from(due.len() - 1).ok().filter(|count| *count > 0));
+        let stamps = frames.iter().map(|frame| frame.time_ns);
+        let span_ns = stamps.clone().max().unwrap_or(0) - stamps.min().unwrap_or(0);
+        let pass_ns = span_ns + span_ns.checked_div(frames.len() as u64 - 1).unwrap_or(100_000_000);
         let pass = match playback.pace {
             Pace::Rate(rate) => seconds(frames.len() as f64 / rate),
-            Pace::TimeStamps => typical.map_or(Duration::from_millis(100), |(last, gaps)| *last + *last / gaps),
+            Pace::TimeStamps => due[due.len() - 1] + Duration::from_nanos(pass_ns - span_ns),
         };
         let warnings = (jumps > 0).then(|| {
             format!(
@@ -80,6 +83,7 @@ impl Paced {
             playback,
             due,
             pass,
+            pass_ns,
             loaded: Vec::new(),
             start: None,
             next: 0,
@@ -124,11 +128,10 @@ impl Paced {
             return frame.clone();
         }
         let span = frames.iter().map(|frame| frame.index + 1).max().unwrap_or(0);
-        let pass_ns = u64::try_from(self.pass.as_nanos()).unwrap_or(u64::MAX);
         Frame {
             id: format!("{}+{pass}", frame.id).into(),
             index: frame.index.saturating_add(span.saturating_mul(pass)),
-            time_ns: frame.time_ns.saturating_add(pass_ns.saturating_mul(pass)),
+            time_ns: frame.time_ns.saturating_add(self.pass_ns.saturating_mul(pass)),
         }
     }
 }
@@ -278,6 +281,12 @@ mod tests {
     fn repeated_frames_have_new_indices() {
         let (played, _) = play(3, 0, Playback { repeat: true, no_drop: true, ..playback(Pace::Rate(1000.0)) });
         assert_eq!(played.iter().map(|(index, _)| *index).collect::<Vec<_>>(), (0..8).collect::<Vec<_>>());
+        let frames = (0..3).map(|k| Frame::at_10_hz(k.to_string(), k)).collect();
+        let source = Box::new(Slow { frames, read_ms: 0 });
+        let paced = Paced::new(source, Playback { repeat: true, ..playback(Pace::TimeStamps) }).expect("it has frames");
+        let last = paced.frame(7);
+        assert_eq!((&*last.id, last.index, last.time_ns), ("1+2", 7, 700_000_000));
+        assert_eq!(paced.due(7), Duration::from_millis(700));
     }
 
     #[test]

@@ -35,6 +35,8 @@ struct LiveStage<'s, 'a, T: Sink> {
     drops: Drops,
     misses: u64,
     first_frame_ns: u64,
+    /// The time stamp of the last frame.
+    last_time_ns: Option<u64>,
     started: Instant,
     period: Period,
 }
@@ -70,11 +72,7 @@ pub(crate) fn retire_live<T: Sink>(
             }
         }
         ledger.stage.peak_in_flight = ledger.stage.peak_in_flight.max(live.admitted - live.written);
-        for warning in mailbox.take_warnings() {
-            if stage.context.warnings.add(stage.run, None, &warning, 0, true) {
-                stage.context.observer.warned(stage.run, None, &warning);
-            }
-        }
+        mailbox.take_warnings().iter().for_each(|warning| live.warn(warning));
         live.end_period_if_due();
         if stage.context.interrupt.aborts() {
             return Err(RunError::Aborted);
@@ -141,17 +139,29 @@ impl<'s, 'a, T: Sink> LiveStage<'s, 'a, T> {
             drops: Drops::default(),
             misses: 0,
             first_frame_ns: 0,
+            last_time_ns: None,
             started: now,
             period: Period { started: now, offered: 0, written: 0, drops: Drops::default() },
         }
     }
 
     fn admit(&mut self, frame: depthloom_graphs::contracts::StreamFrame, drops: Drops) {
+        if self.last_time_ns.replace(frame.frame.time_ns).is_some_and(|last| frame.frame.time_ns < last) {
+            self.warn("the time stamp precedes that of the frame before");
+        }
         let read = std::sync::Mutex::new(Some(frame.read));
         let arrival = LiveArrival { read, captured: frame.captured, drops };
         self.stage.admit(FrameIndex(self.admitted), frame.frame, Some(arrival));
         self.admitted += 1;
         self.drops += drops;
+    }
+
+    /// Warns of the source.
+    fn warn(&self, what: &str) {
+        let Stage { context, run, .. } = self.stage;
+        if context.warnings.add(*run, None, what, 0, true) {
+            context.observer.warned(*run, None, what);
+        }
     }
 
     fn write(&mut self, frame: &InFlight<T::Part>, ledger: &mut Ledger<'_>) -> Result<(), RunError> {

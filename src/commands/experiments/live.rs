@@ -73,12 +73,17 @@ fn record_only(plan: &mut Plan, live: RunId, has_scores: bool) -> Vec<&'static s
             outputs.filter(|output| output.port.rate == Rate::Frame).for_each(|output| output.recorded = false);
         }
     }
-    let stage = &plan.runs[live];
-    let truths = stage.estimates.iter().filter_map(|estimate| match estimate.truth {
-        Slot::Source { port } => Some(stage.source.outputs[port].port.name),
-        Slot::Node { .. } => None,
-    });
-    if has_scores { Vec::new() } else { truths.collect() }
+    let stage = &mut plan.runs[live];
+    let mut hidden = Vec::new();
+    for estimate in stage.estimates.iter().filter(|_| !has_scores) {
+        if let Slot::Source { port } = estimate.truth {
+            // Nodes that read it do not run.
+            let port = &mut stage.source.outputs[port].port;
+            port.optional = true;
+            hidden.push(port.name);
+        }
+    }
+    hidden
 }
 
 /// The frames: a stream as it is, a data set at a rate.
