@@ -153,7 +153,7 @@ pub struct ProcessSource {
     warnings: Vec<String>,
 }
 
-/// Host of the call that lists the frames, before a run exists; and of streams, which have none.
+/// Host of the call that lists the frames, before a run exists, and of streams, which run outside frames.
 #[derive(Default)]
 pub(super) struct WarningCollector(Mutex<BTreeMap<String, u64>>);
 
@@ -213,7 +213,8 @@ frame contains the content of its values.",
         params.program().check(&times)?;
         check_reads(&params.reads)?;
         if params.stream && params.frames != FrameSelection::All {
-            let what = "frames selects from a list of frames, and a stream has none: remove `frames` or `stream`";
+            let what =
+                "frames selects from a list of frames, which a stream does not have: remove `frames` or `stream`";
             return Err(("frames", what.to_owned()));
         }
         if params.stream && !params.reads.0.is_empty() {
