@@ -1,5 +1,6 @@
 //! The kind `camera/v4l2`.
 
+use std::collections::VecDeque;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::time::{Duration, Instant, SystemTime, UNIX_EPOCH};
@@ -175,7 +176,7 @@ struct Camera {
 
 /// Images of the devices that do not form a frame yet.
 enum Images {
-    SideBySide { waiting: std::collections::VecDeque<RawImage>, sequence: Sequence },
+    SideBySide { waiting: VecDeque<RawImage>, sequence: Sequence },
     Pairs(Pairing<Vec<u8>>),
 }
 
@@ -221,7 +222,7 @@ impl Camera {
         let start = |(camera, path): (usize, &&String)| Receiver::start(path, camera, &params, &inbox);
         let receivers = devices.iter().enumerate().map(start).collect::<Result<Vec<_>, Fault>>()?;
         let images = match params.device {
-            Some(_) => Images::SideBySide { waiting: Default::default(), sequence: Sequence::default() },
+            Some(_) => Images::SideBySide { waiting: VecDeque::new(), sequence: Sequence::default() },
             None => Images::Pairs(Pairing::new(Duration::from_secs(1) / params.rate)),
         };
         Ok(Self {
@@ -324,7 +325,7 @@ impl StreamingSource for Camera {
                 }
             }
             let images = self.inbox.take(deadline.min(self.limit))?;
-            let is_empty = images.iter().all(|images| images.is_empty());
+            let is_empty = images.iter().all(VecDeque::is_empty);
             for (camera, images) in images.into_iter().enumerate() {
                 images.into_iter().for_each(|image| self.images.add(camera, image));
             }
