@@ -20,6 +20,7 @@ pub mod sources;
 
 mod bounds;
 mod confidence;
+mod content_key;
 mod depth;
 mod disparity;
 mod filter;

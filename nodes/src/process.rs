@@ -15,6 +15,8 @@ pub mod permission;
 mod pool;
 mod protocol;
 mod source;
+#[cfg(unix)]
+mod stream;
 
 pub use ended::{EndedProgram, printed_text, take_ended};
 pub use imports::take_import_warnings;

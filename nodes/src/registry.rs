@@ -21,7 +21,10 @@ use crate::stereo::{Bm, CensusSgm, Sgbm, StereoOnnx};
 /// Every source and node kind of this crate, one line each.
 #[must_use]
 pub fn registry() -> Registry {
-    Registry::default()
+    let registry = Registry::default();
+    #[cfg(feature = "v4l2")]
+    let registry = registry.source::<crate::sources::V4l2>();
+    registry
         .source::<OnDisk<KittiStereo2015>>()
         .source::<OnDisk<KittiStereo2012>>()
         .source::<OnDisk<KittiRaw>>()

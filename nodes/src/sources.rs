@@ -15,6 +15,8 @@ mod scene_flow;
 mod sintel_stereo;
 mod synthetic_road;
 pub(crate) mod true_disparity;
+#[cfg(any(test, feature = "v4l2"))]
+mod v4l2;
 
 pub use synthetic_road::{Road, SyntheticRoadParams, SyntheticTruth};
 
@@ -28,3 +30,5 @@ pub(crate) use ros2_bag::Ros2Bag;
 pub(crate) use scene_flow::SceneFlow;
 pub(crate) use sintel_stereo::SintelStereo;
 pub(crate) use synthetic_road::SyntheticRoad;
+#[cfg(feature = "v4l2")]
+pub(crate) use v4l2::V4l2;

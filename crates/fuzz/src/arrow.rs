@@ -89,13 +89,27 @@ fn replies() -> Vec<u8> {
         Field::new("id", list(DataType::Utf8(Offsets::Wide))),
         Field::new("time_ns", list(DataType::Int(64, true))),
     ]);
+    let numbers = ["index", "time_ns", "age_ns", "missed"].map(|name| Field::new(name, DataType::Int(64, true)));
+    let id = Field::new("id", DataType::Utf8(Offsets::Wide));
+    let frame = DataType::Struct([id].into_iter().chain(numbers).collect());
     let fields = vec![
         Field::new("says", DataType::Utf8(Offsets::Wide)),
         Field::new("number", DataType::Int(64, true)),
         Field::new("frames", frames).nullable(),
+        Field::new("frame", frame).nullable(),
     ];
     let ids = arrow::Data::List(Items::Text(vec!["a".to_owned(), "b".to_owned()]));
     let frames = arrow::Data::Struct(vec![ids, arrow::Data::List(Items::I64(vec![0, 100_000_000]))]);
-    let row = |says: &'static str, frames| vec![arrow::Data::Text(says.into()), arrow::Data::Int(1), frames];
-    stream(&Schema { fields, metadata: Vec::new() }, vec![row("ready", arrow::Data::Null), row("frames", frames)])
+    let stated = [4, 5, 6, 1].map(arrow::Data::Int);
+    let frame = arrow::Data::Struct([arrow::Data::Text("a".into())].into_iter().chain(stated).collect());
+    let row =
+        |says: &'static str, frames, frame| vec![arrow::Data::Text(says.into()), arrow::Data::Int(1), frames, frame];
+    let (none, end) = (arrow::Data::Null, row("end", arrow::Data::Null, arrow::Data::Null));
+    let rows = vec![
+        row("ready", none.clone(), none.clone()),
+        row("frames", frames, none.clone()),
+        row("frame", none, frame),
+        end,
+    ];
+    stream(&Schema { fields, metadata: Vec::new() }, rows)
 }

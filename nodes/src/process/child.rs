@@ -3,6 +3,7 @@
 //! It runs in a separate process group. The group's first process is a guard, a shell that kills the group when its
 //! standard input ends, also if depthloom itself was killed.
 
+use std::cell::Cell;
 use std::collections::VecDeque;
 use std::io::{Read, Write};
 use std::os::unix::process::{CommandExt as _, ExitStatusExt as _};
@@ -41,6 +42,8 @@ struct StderrTail {
 
 type Received = Result<Reply, ErrorMessage>;
 
+/// How errors begin if the process closed its standard output, which it also does when it exits.
+pub(super) const CLOSED: &str = "it exited, or closed its standard output";
 const PRINTS: &str =
     "print to standard error (`print(..., file=sys.stderr)` in Python): standard output belongs to the protocol";
 
@@ -97,6 +100,16 @@ impl Guard {
         let _ = self.shell.kill();
         let _ = self.shell.wait();
     }
+}
+
+/// What is known of a process that was ended after a failure.
+#[derive(Debug, Default)]
+pub(super) struct Failed {
+    /// How it ended, if it did so by itself: `ended with exit code 1`.
+    pub status: Option<String>,
+    /// The end of its standard error, as the continuation of a message.
+    pub stderr: String,
+    pub last_line: Option<String>,
 }
 
 pub(super) enum NoReply {
@@ -215,15 +228,22 @@ impl Running {
     }
 
     /// Ends a process after a failure. Returns its status and the end of its standard error, for a message.
-    pub(super) fn end_with_context(mut self, ends_at_once: bool) -> String {
+    pub(super) fn end_with_context(self, ends_at_once: bool) -> String {
+        let Failed { status, stderr, .. } = self.end_after_failure(ends_at_once);
+        status.map_or_else(String::new, |status| format!("; it {status}")) + &stderr
+    }
+
+    /// Ends a process after a failure.
+    pub(super) fn end_after_failure(mut self, ends_at_once: bool) -> Failed {
         // A process that closed its streams is about to exit; a silent or misbehaving one is not.
         let by_itself = ends_within(&mut self.child, if ends_at_once { Duration::ZERO } else { GRACE });
-        let mut words = by_itself.map_or_else(String::new, |status| format!("; it {}", how(status)));
         self.end(Duration::ZERO);
         let (printed, is_cut) = self.standard_error();
-        words.push_str(&last_lines(&printed, is_cut));
+        let last_line = printed.lines().map(str::trim).rfind(|line| !line.is_empty());
+        let last_line = last_line.map(|line| line.chars().take(200).collect());
+        let failed = Failed { status: by_itself.map(how), stderr: last_lines(&printed, is_cut), last_line };
         ended::put(EndedProgram { command: self.command.clone(), failure: None, printed, is_cut });
-        words
+        failed
     }
 
     /// Without control characters; `true` if the beginning was dropped.
@@ -307,7 +327,7 @@ impl Drop for Running {
     }
 }
 
-fn thread(name: &str, work: impl FnOnce() + Send + 'static) -> std::io::Result<JoinHandle<()>> {
+pub(super) fn thread(name: &str, work: impl FnOnce() + Send + 'static) -> std::io::Result<JoinHandle<()>> {
     look_for_room()?;
     thread::Builder::new().name(format!("depthloom-process-{name}")).spawn(work)
 }
@@ -330,12 +350,29 @@ fn write(mut input: ChildStdin, schema: &Schema, calls: &Receiver<Request>, shar
     let _ = write();
 }
 
+/// A reader that notes when the first byte since the last reset arrived.
+struct Timed<'a, R> {
+    inner: R,
+    first_byte: &'a Cell<Option<Instant>>,
+}
+
+impl<R: Read> Read for Timed<'_, R> {
+    fn read(&mut self, buffer: &mut [u8]) -> std::io::Result<usize> {
+        let count = self.inner.read(buffer)?;
+        if self.first_byte.get().is_none() {
+            self.first_byte.set(Some(Instant::now()));
+        }
+        Ok(count)
+    }
+}
+
 fn read(output: impl Read, outputs: &[Port], received: &SyncSender<Received>, shared: &Mutex<Shared>) {
     let shared = || locked(shared);
-    let mut stream = StreamReader::new(output);
+    let first_byte = Cell::new(None);
+    let mut stream = StreamReader::new(Timed { inner: output, first_byte: &first_byte });
     let schema = match stream.schema() {
         Ok(Some(schema)) => protocol::check_schema(&schema).map(|()| schema).map_err(ErrorMessage::new),
-        Ok(None) => Err(ErrorMessage::new("it exited, or closed its standard output, before its first message")),
+        Ok(None) => Err(ErrorMessage::new(format!("{CLOSED}, before its first message"))),
         Err(error) => Err(not_of_the_protocol(&error)),
     };
     let schema = match schema {
@@ -347,12 +384,14 @@ fn read(output: impl Read, outputs: &[Port], received: &SyncSender<Received>, sh
     };
     shared().finish_handshake(protocol::shared_word(&schema));
     loop {
+        first_byte.set(None);
         let next = match stream.batch(&schema) {
             Ok(Some(batch)) => {
+                let arrived = first_byte.get().unwrap_or_else(Instant::now);
                 let row = shared().resolve(&schema, batch);
-                row.and_then(|row| protocol::reply(&schema, &row, outputs)).map_err(ErrorMessage::new)
+                row.and_then(|row| protocol::reply(&schema, &row, outputs, arrived)).map_err(ErrorMessage::new)
             }
-            Ok(None) => Err(ErrorMessage::new("it exited, or closed its standard output")),
+            Ok(None) => Err(ErrorMessage::new(CLOSED)),
             Err(error) => Err(not_of_the_protocol(&error)),
         };
         let is_over = next.is_err();

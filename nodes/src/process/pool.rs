@@ -52,16 +52,7 @@ impl Pool {
         let Answer::Values(values) = self.call(call, inputs, host)? else {
             return Err(Fault::new(format!("`{}` sent frames instead of values", self.launch.program())));
         };
-        let mut outputs = Outputs::none();
-        for (port, value) in self.outputs.iter().zip(values) {
-            let Some(value) = value else { continue };
-            value.validate().map_err(|what| {
-                let (program, name, value_type) = (self.launch.program(), port.name, port.value_type);
-                Fault::new(format!("`{program}` returned an invalid {value_type} at port `{name}`: {what}"))
-            })?;
-            outputs = outputs.with(port.name, value);
-        }
-        Ok(outputs)
+        validated(&self.outputs, values).map_err(|what| Fault::new(format!("`{}` {what}", self.launch.program())))
     }
 
     pub(super) fn call(&self, call: Call, inputs: Vec<Option<Value>>, host: &dyn Host) -> Result<Answer, Fault> {
@@ -106,6 +97,10 @@ impl Pool {
             Content::Failure { message, trace } => {
                 running.has_failed = true;
                 Err(self.failure("", &message, &trace))
+            }
+            Content::Frame(_) | Content::End => {
+                let what = "sent a frame of a stream instead of a reply";
+                return Err(self.broken(running, ErrorMessage::new(what), false));
             }
             Content::Ready | Content::Progress { .. } | Content::Warning { .. } | Content::Modules(_) => {
                 let what = "sent `ready` instead of a reply";
@@ -185,18 +180,36 @@ impl Pool {
 
     fn failure(&self, when: &str, message: &str, trace: &str) -> Fault {
         let when = if when.is_empty() { String::new() } else { format!(" {when}") };
-        let mut what = format!("`{}` failed{when}: {}", self.launch.program(), message.trim_end());
-        for line in trace.trim_end().lines().filter(|line| !line.is_empty()) {
-            what.push_str("\n  ");
-            what.push_str(line);
-        }
-        Fault::new(what)
+        Fault::new(format!("`{}` failed{when}: {}", self.launch.program(), with_trace(message, trace)))
     }
 
     fn broken(&self, running: Running, error: ErrorMessage, ends_at_once: bool) -> Fault {
         let (program, context) = (self.launch.program(), running.end_with_context(ends_at_once));
         Fault::Failed(ErrorMessage { what: format!("`{program}` {}{context}", error.what), ..error })
     }
+}
+
+/// The values of a reply by port.
+pub(super) fn validated(ports: &[Port], values: Vec<Option<Value>>) -> Result<Outputs, String> {
+    let mut outputs = Outputs::none();
+    for (port, value) in ports.iter().zip(values) {
+        let Some(value) = value else { continue };
+        value
+            .validate()
+            .map_err(|what| format!("returned an invalid {} at port `{}`: {what}", port.value_type, port.name))?;
+        outputs = outputs.with(port.name, value);
+    }
+    Ok(outputs)
+}
+
+/// The message of a failure, and its traceback line by line.
+pub(super) fn with_trace(message: &str, trace: &str) -> String {
+    let mut what = message.trim_end().to_owned();
+    for line in trace.trim_end().lines().filter(|line| !line.is_empty()) {
+        what.push_str("\n  ");
+        what.push_str(line);
+    }
+    what
 }
 
 /// Starts a Python program, once per command, to report what it imports. `None` without a report: errors appear when it

@@ -1,7 +1,9 @@
 //! Messages between depthloom and a process. `docs/reference/process-protocol.md` describes them for authors of
 //! programs.
 
-use depthloom_codecs::arrow::{self, Batch, Data, DataType, Field, Offsets, Schema};
+use std::time::Instant;
+
+use depthloom_codecs::arrow::{self, Batch, Data, DataType, Field, Offsets, Schema, View};
 use depthloom_graphs::{Frame, Port, Value};
 use serde_json::{Map, Value as Json, json};
 
@@ -26,6 +28,8 @@ pub(super) enum Call {
     Finish,
     Run,
     Frames,
+    /// The next frame of a stream.
+    Next,
 }
 
 impl Call {
@@ -35,6 +39,7 @@ impl Call {
             Self::Finish => "finish",
             Self::Run => "run",
             Self::Frames => "frames",
+            Self::Next => "next",
         }
     }
 }
@@ -67,7 +72,21 @@ pub(super) struct SharedPlaces {
 #[derive(Debug)]
 pub(super) struct Reply {
     pub number: i64,
+    /// When its first byte arrived.
+    pub arrived: Instant,
     pub content: Content,
+}
+
+/// A frame of a stream, with what the program states of it.
+#[derive(Debug, Default)]
+pub(super) struct StatedFrame {
+    pub id: Option<String>,
+    pub index: Option<u64>,
+    pub time_ns: Option<u64>,
+    /// Time from its capture until the reply was sent.
+    pub age_ns: u64,
+    pub missed: u64,
+    pub values: Vec<Option<Value>>,
 }
 
 #[derive(Debug)]
@@ -92,6 +111,9 @@ pub(super) enum Content {
         ids: Vec<String>,
         times_ns: Option<Vec<u64>>,
     },
+    Frame(StatedFrame),
+    /// The stream has no more frames.
+    End,
     /// The message and the traceback. The process can be called again.
     Failure {
         message: String,
@@ -187,7 +209,7 @@ pub(super) fn check_schema(schema: &Schema) -> Result<(), String> {
     }
 }
 
-pub(super) fn reply(schema: &Schema, batch: &Batch, outputs: &[Port]) -> Result<Reply, String> {
+pub(super) fn reply(schema: &Schema, batch: &Batch, outputs: &[Port], arrived: Instant) -> Result<Reply, String> {
     let column = |name: &str| batch.column(schema, name);
     let number = |name: &str| column(name).map_or(Ok(0), |column| column.int());
     let count = |name: &str| {
@@ -211,31 +233,55 @@ pub(super) fn reply(schema: &Schema, batch: &Batch, outputs: &[Port]) -> Result<
             });
             Content::Frames { ids: ids.into_iter().map(str::to_owned).collect(), times_ns: times_ns.transpose()? }
         }
-        "values" => {
-            let given = column("outputs");
-            if let Some(given) = &given {
-                let strange = given.parts()?.iter().find(|field| {
-                    outputs.iter().all(|port| port.name != field.name) && given.part(&field.name).is_some()
-                });
-                if let Some(strange) = strange {
-                    return Err(format!("it sent a value at `{}`, which the node does not declare", strange.name));
-                }
-            }
-            let value = |port: &Port| {
-                let Some(column) = given.as_ref().and_then(|given| given.part(port.name)) else { return Ok(None) };
-                let value = arrow::value(port.value_type, &column);
-                value
-                    .map(Some)
-                    .map_err(|what| format!("its value at `{}` is not a valid {}: {what}", port.name, port.value_type))
-            };
-            Content::Values {
-                values: outputs.iter().map(value).collect::<Result<_, String>>()?,
-                cpu_ns: count("cpu_ns")?,
-            }
-        }
+        "values" => Content::Values { values: values(column("outputs").as_ref(), outputs)?, cpu_ns: count("cpu_ns")? },
+        "frame" => Content::Frame(StatedFrame {
+            values: values(column("outputs").as_ref(), outputs)?,
+            ..column("frame").map_or(Ok(StatedFrame::default()), |frame| stated_frame(&frame))?
+        }),
+        "end" => Content::End,
         other => return Err(format!("it says `{other}`, which is not a message of the protocol")),
     };
-    Ok(Reply { number: number("number")?, content })
+    Ok(Reply { number: number("number")?, arrived, content })
+}
+
+fn stated_frame(frame: &View<'_>) -> Result<StatedFrame, String> {
+    let number = |name: &str| {
+        let Some(column) = frame.part(name) else { return Ok(None) };
+        let number = column.int()?;
+        u64::try_from(number)
+            .map(Some)
+            .map_err(|_| format!("the frame's `{name}` is {number}, which must not be negative"))
+    };
+    let id = frame.part("id").map(|id| id.text().map(str::to_owned)).transpose()?;
+    Ok(StatedFrame {
+        id,
+        index: number("index")?,
+        time_ns: number("time_ns")?,
+        age_ns: number("age_ns")?.unwrap_or(0),
+        missed: number("missed")?.unwrap_or(0),
+        values: Vec::new(),
+    })
+}
+
+/// The values of the column `outputs`, in the order of the ports.
+fn values(given: Option<&View<'_>>, outputs: &[Port]) -> Result<Vec<Option<Value>>, String> {
+    if let Some(given) = given {
+        let strange = given
+            .parts()?
+            .iter()
+            .find(|field| outputs.iter().all(|port| port.name != field.name) && given.part(&field.name).is_some());
+        if let Some(strange) = strange {
+            return Err(format!("it sent a value at `{}`, which the node does not declare", strange.name));
+        }
+    }
+    let value = |port: &Port| {
+        let Some(column) = given.and_then(|given| given.part(port.name)) else { return Ok(None) };
+        let value = arrow::value(port.value_type, &column);
+        value
+            .map(Some)
+            .map_err(|what| format!("its value at `{}` is not a valid {}: {what}", port.name, port.value_type))
+    };
+    outputs.iter().map(value).collect()
 }
 
 #[cfg(test)]
@@ -258,7 +304,7 @@ mod tests {
         encode(&schema, row).write(&mut stream).unwrap();
         let mut reader = StreamReader::new(&stream[..]);
         let schema = reader.schema().unwrap().unwrap();
-        reply(&schema, &reader.batch(&schema).unwrap().unwrap(), &[])
+        reply(&schema, &reader.batch(&schema).unwrap().unwrap(), &[], std::time::Instant::now())
     }
 
     #[test]

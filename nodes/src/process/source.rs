@@ -6,11 +6,11 @@ use std::sync::{Mutex, OnceLock};
 
 use depthloom_graphs::contracts::{
     Argument, CodePath, Contract, DeclaredPort, DeclaredPorts, Frame, FramePaths, FrameSelection, Observation,
-    SourceDeclaration,
+    SourceDeclaration, StreamingSource,
 };
 use depthloom_graphs::plan::FrameIndex;
 use depthloom_graphs::{Context, Fault, Host, Key, Outputs, Port, Rate, Source, SourceKind, SourceOutputs, Value};
-use depthloom_threads::{into_unlocked, locked};
+use depthloom_threads::locked;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 use serde_json::{Map, Value as Json};
@@ -21,6 +21,8 @@ use super::node::{FRAME_S, check_reads};
 use super::permission;
 use super::pool::{Answer, Pool};
 use super::protocol::{self, Call};
+#[cfg(unix)]
+use super::stream::ProcessStream;
 
 const KIND: &str = "process/source";
 
@@ -35,6 +37,12 @@ pub struct ProcessSourceParams {
     /// Outputs of a frame: `{ left: image, right: image, calibration: calibration }`.
     #[schemars(extend("mandatory" = true))]
     pub outputs: BTreeMap<String, DeclaredPort>,
+    /// Whether the program delivers one frame after the other, as a camera does. `depthloom live` runs such a source.
+    pub stream: bool,
+    /// Largest number of consecutive restarts without a frame, if a streaming program exits, fails or sends nothing
+    /// for `timeout_s`. After that, the stream ends with an error.
+    #[schemars(extend("operational" = true))]
+    pub restarts: u32,
     /// Selected frames: `0..16`, `1..=40` or a list of positions or ids; all by default.
     pub frames: FrameSelection,
     /// Parameters of the program itself, passed unchanged.
@@ -73,6 +81,8 @@ impl Default for ProcessSourceParams {
         Self {
             command: Vec::new(),
             outputs: BTreeMap::new(),
+            stream: false,
+            restarts: 5,
             frames: FrameSelection::All,
             params: Map::new(),
             version: None,
@@ -143,13 +153,13 @@ pub struct ProcessSource {
     warnings: Vec<String>,
 }
 
-/// Host of the call that lists the frames, before a run exists.
+/// Host of the call that lists the frames, before a run exists, and of streams, which run outside frames.
 #[derive(Default)]
-struct WarningCollector(Mutex<BTreeMap<String, u64>>);
+pub(super) struct WarningCollector(Mutex<BTreeMap<String, u64>>);
 
 impl WarningCollector {
-    fn into_warnings(self) -> Vec<String> {
-        let warnings = into_unlocked(self.0);
+    pub(super) fn take(&self) -> Vec<String> {
+        let warnings = std::mem::take(&mut *locked(&self.0));
         let text = |(what, count): (String, u64)| if count > 0 { format!("{count} {what}") } else { what };
         warnings.into_iter().map(text).collect()
     }
@@ -189,7 +199,11 @@ impl SourceKind for ProcessSource {
 The program first lists its frames, each with an id and optionally a time in nanoseconds (default: 100 ms between \
 frames). Then depthloom requests the values of single frames, in any order, from several processes at once. So the \
 program must support random access, and return the same values for the same frame. Protocol, permission, cache keys \
-and failures are those of the node `process`.",
+and failures are those of the node `process`.\n\n\
+**Streams.** With `stream: true`, the program lists no frames. It delivers one frame after the other, as a camera \
+does, and `depthloom live` processes them as they arrive. One process runs. If it exits, fails or sends nothing for \
+`timeout_s`, depthloom starts it again after 0.1 s; the pause doubles with each failure, up to 5 s. The cache key of a \
+frame contains the content of its values.",
             outputs: Vec::new(),
         }
     }
@@ -198,6 +212,15 @@ and failures are those of the node `process`.",
         let times = [("timeout_s", params.timeout_s), ("start_timeout_s", params.start_timeout_s)];
         params.program().check(&times)?;
         check_reads(&params.reads)?;
+        if params.stream && params.frames != FrameSelection::All {
+            let what =
+                "frames selects from a list of frames, which a stream does not have: remove `frames` or `stream`";
+            return Err(("frames", what.to_owned()));
+        }
+        if params.stream && !params.reads.0.is_empty() {
+            let what = "reads is not used by a stream, because its cache keys contain the values: remove `reads`";
+            return Err(("reads", what.to_owned()));
+        }
         if params.outputs.is_empty() {
             return Err((
                 "outputs",
@@ -220,6 +243,12 @@ and failures are those of the node `process`.",
     }
 
     fn open(params: ProcessSourceParams) -> Result<Box<dyn Source>, Fault> {
+        if params.stream {
+            let what = "the frames of a source with `stream: true` cannot be listed: each arrives once";
+            return Err(Fault::new(what).remedy(
+                "run the experiment with `depthloom live`; its recording is then the source of other runs (`kind: mcap`)",
+            ));
+        }
         let ports = params.ports();
         let launch = params.launch()?;
         permission::check(&launch.command_line())?;
@@ -240,7 +269,28 @@ and failures are those of the node `process`.",
         // By now its first process has reported what it imports.
         let program_key = params.program_key(pool.launch())?;
         let observes = Observation { files: params.reads.0, ..Observation::default() };
-        Ok(Box::new(Self { pool, program_key, observes, frames, warnings: warnings.into_warnings() }))
+        Ok(Box::new(Self { pool, program_key, observes, frames, warnings: warnings.take() }))
+    }
+
+    #[cfg(unix)]
+    fn stream(params: ProcessSourceParams) -> Result<Option<Box<dyn StreamingSource>>, Fault> {
+        if !params.stream {
+            return Ok(None);
+        }
+        let ports = params.ports();
+        let mut launch = params.launch()?;
+        // Files that it opens for a frame are not in its keys, which contain the values.
+        launch.reads = None;
+        permission::check(&launch.command_line())?;
+        launch.check_program()?;
+        let schema = protocol::request_schema("stream", &[], &ports, &params.params);
+        let stream = ProcessStream::start(launch, schema, ports, params.restarts, |launch| params.program_key(launch))?;
+        Ok(Some(Box::new(stream)))
+    }
+
+    #[cfg(not(unix))]
+    fn stream(params: ProcessSourceParams) -> Result<Option<Box<dyn StreamingSource>>, Fault> {
+        if params.stream { Err(Fault::new("programs are started on Unix alone")) } else { Ok(None) }
     }
 }
 
@@ -250,9 +300,7 @@ fn frames(ids: &[String], times: Option<&[u64]>) -> Result<Vec<Frame>, String> {
     }
     let mut seen = BTreeSet::new();
     for id in ids {
-        if id.is_empty() || id.len() > 200 || id.chars().any(char::is_control) {
-            return Err(format!("{id:?} is not a valid id: one line of at most 200 bytes"));
-        }
+        check_id(id)?;
         if !seen.insert(id.as_str()) {
             return Err(format!("two have the id `{id}`"));
         }
@@ -263,6 +311,13 @@ fn frames(ids: &[String], times: Option<&[u64]>) -> Result<Vec<Frame>, String> {
         Frame { time_ns: at(index).unwrap_or(plain.time_ns), ..plain }
     };
     Ok(ids.iter().enumerate().map(frame).collect())
+}
+
+pub(super) fn check_id(id: &str) -> Result<(), String> {
+    if id.is_empty() || id.len() > 200 || id.chars().any(char::is_control) {
+        return Err(format!("{id:?} is not a valid id: one line of at most 200 bytes"));
+    }
+    Ok(())
 }
 
 impl Source for ProcessSource {
@@ -293,7 +348,7 @@ impl Source for ProcessSource {
 }
 
 /// Depth computed with a calibration for another size would be wrong.
-fn check_sizes(outputs: &Outputs) -> Result<(), Fault> {
+pub(super) fn check_sizes(outputs: &Outputs) -> Result<(), Fault> {
     for (name, value) in outputs.entries() {
         let Value::Calibration(calibration) = value else { continue };
         let size = (calibration.width, calibration.height);

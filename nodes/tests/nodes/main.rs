@@ -19,6 +19,7 @@ mod learned_fusion;
 mod mixture;
 mod network;
 mod predictions;
+mod process_stream;
 mod recognise;
 mod road;
 mod ros2_bag;

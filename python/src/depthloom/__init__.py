@@ -8,7 +8,7 @@
 >>> run.experiment["stages"]["compare"]["nodes"]["stereo"]      # the experiment as it was run
 >>> depthloom.run("experiments/table1.yaml", set={"compare.stereo.with.block": 7})
 
-A node or a source of an experiment is written with :func:`node`, :func:`source` and :func:`serve`:
+A node or a source of an experiment is written with :func:`node`, :func:`source`, :func:`stream` and :func:`serve`:
 
 >>> @depthloom.node(inputs={"stereo": "depth", "mono": "depth"}, outputs={"depth": "depth"})
 ... def fuse(stereo, mono):
@@ -32,7 +32,7 @@ if TYPE_CHECKING:
     from ._errors import Ambiguous, DepthloomError, DepthloomWarning, NotRecorded, ProgramError, RecordingError
     from ._experiment import run
     from ._frames import Frame, Frames
-    from ._node import Instant, node, source
+    from ._node import Instant, StreamFrame, node, source, stream
     from ._plan import Estimate, Node
     from ._run import Run, Stage, open
     from ._serve import progress, serve, warn
@@ -43,7 +43,7 @@ else:
         "_errors": ["Ambiguous", "DepthloomError", "DepthloomWarning", "NotRecorded", "ProgramError", "RecordingError"],
         "_experiment": ["run"],
         "_frames": ["Frame", "Frames"],
-        "_node": ["Instant", "node", "source"],
+        "_node": ["Instant", "StreamFrame", "node", "source", "stream"],
         "_plan": ["Estimate", "Node"],
         "_run": ["Run", "Stage", "open"],
         "_serve": ["progress", "serve", "warn"],
@@ -78,11 +78,13 @@ __all__ = [
     "RecordingError",
     "Run",
     "Stage",
+    "StreamFrame",
     "node",
     "open",
     "progress",
     "run",
     "serve",
     "source",
+    "stream",
     "warn",
 ]

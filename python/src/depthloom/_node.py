@@ -26,6 +26,24 @@ class Instant:
 
 
 @dataclass(frozen=True)
+class StreamFrame:
+    """A frame of a stream with more than its values."""
+
+    #: The outputs by name.
+    values: Mapping[str, Any]
+    #: Its name; by default its number.
+    id: str | None = None
+    #: Its number, which increases; gaps count as missed frames. By default frames are counted.
+    index: int | None = None
+    #: Nanoseconds; by default the time of its capture by the system's clock.
+    time_ns: int | None = None
+    #: The number of frames that were lost since the previous one. It is not used if there is an `index`.
+    missed: int = 0
+    #: The time of its capture by `time.monotonic_ns()`; by default the time at which it was yielded.
+    captured_ns: int | None = None
+
+
+@dataclass(frozen=True)
 class Declared:
     """The declaration of a function or a class."""
 
@@ -33,6 +51,7 @@ class Declared:
     inputs: dict[str, str]
     outputs: dict[str, str]
     is_source: bool
+    is_stream: bool = False
 
 
 def node(*, inputs: Mapping[str, str], outputs: Mapping[str, str]) -> Callable[[_Any], _Any]:
@@ -82,6 +101,28 @@ def source(*, outputs: Mapping[str, str]) -> Callable[[_Any], _Any]:
 
     def mark(what: _Any) -> _Any:
         return _marked(what, Declared({}, dict(outputs), is_source=True))
+
+    return mark
+
+
+def stream(*, outputs: Mapping[str, str]) -> Callable[[_Any], _Any]:
+    """Declare a generator function as a source that delivers frames as they arrive: `process/source` with `stream: true`.
+
+    >>> @depthloom.stream(outputs={"left": "image", "right": "image"})
+    ... def camera():
+    ...     while True:
+    ...         left, right = device.read()
+    ...         yield {"left": left, "right": right}
+
+    Each item is a mapping of outputs, as a node returns it, or a :class:`StreamFrame`, which also has the frame's id, number and times. A class with `__iter__` works, too. A
+    parameter `params` gets the experiment's `params`. The stream ends when the iterator ends. After an exception, depthloom starts the program again.
+    """
+
+    def mark(what: _Any) -> _Any:
+        if not callable(what):
+            raise TypeError(f"a stream is a generator function or a class with __iter__(), and {what!r} is neither")
+        setattr(what, _MARK, Declared({}, dict(outputs), is_source=True, is_stream=True))
+        return what
 
     return mark
 

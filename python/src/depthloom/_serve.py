@@ -8,13 +8,13 @@ import os
 import sys
 import time
 import traceback
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from difflib import get_close_matches
 from typing import Any, BinaryIO
 
 from . import _opened
 from ._errors import DepthloomError
-from ._node import Declared, Instant, accepts, declared
+from ._node import Declared, Instant, StreamFrame, accepts, declared
 
 _VERSION = "1"
 _INSTALL = "pip install 'depthloom[node]'"
@@ -105,6 +105,9 @@ class _Server:
         numbers = [(name, pa.int64()) for name in ("number", "done", "total", "count", "cpu_ns", "bytes")]
         outputs = pa.struct([(name, _columns.TYPES[value_type]) for name, value_type in self.outputs.items()])
         columns = [*texts, *numbers, ("held", pa.list_(pa.int64())), ("frames", frames), ("outputs", outputs)]
+        if self.node["contract"] == "stream":
+            stated = [("id", pa.string()), *((name, pa.int64()) for name in ("index", "time_ns", "age_ns", "missed"))]
+            columns.append(("frame", pa.struct(stated)))
         word = _shared.shared_word(metadata[b"depthloom.shared"]) if b"depthloom.shared" in metadata else None
         self.shared = _shared.Shared(self.reader.schema) if word else None
         reply_metadata = {b"depthloom.protocol": _VERSION.encode()} | ({b"depthloom.shared": word} if word else {})
@@ -200,6 +203,10 @@ class _Server:
         self._check(declaration)
         params, is_class = self.node["params"], isinstance(chosen, type)
         contract = self.node["contract"]
+        if declaration.is_stream != (contract == "stream"):
+            raise TypeError("a stream is declared by @depthloom.stream and used under `sources:` as `process/source` with `stream: true`")
+        if declaration.is_stream:
+            return self._stream_responder(iter(chosen(params) if accepts(chosen, "params") else chosen()))
         if declaration.is_source != (contract == "source"):
             raise TypeError("a source is declared by @depthloom.source and used under `sources:` as `process/source`; a node is declared by @depthloom.node and used as `process`")
         if declaration.is_source:
@@ -238,6 +245,22 @@ class _Server:
             if call == "frames":
                 return self._frames(list(source.frames()))
             return self._values(source.read(_instant(batch)), set(self.outputs))
+
+        return respond
+
+    def _stream_responder(self, frames: Iterator[Any]) -> Callable[[str, Any], dict[str, Any]]:
+        def respond(call: str, batch: Any) -> dict[str, Any]:
+            try:
+                item = next(frames)
+            except StopIteration:
+                return {"says": "end"}
+            yielded_ns = time.monotonic_ns()
+            frame = item if isinstance(item, StreamFrame) else StreamFrame(item)
+            reply = self._values(frame.values, set(self.outputs))
+            captured_ns = yielded_ns if frame.captured_ns is None else frame.captured_ns
+            age_ns = max(0, time.monotonic_ns() - captured_ns)
+            stated = {"id": frame.id, "index": frame.index, "time_ns": frame.time_ns, "age_ns": age_ns, "missed": frame.missed}
+            return {**reply, "says": "frame", "frame": stated}
 
         return respond
 
