@@ -1,6 +1,7 @@
 //! A run: its stage runs, one after the other.
 
 use std::collections::{BTreeMap, BTreeSet};
+use std::sync::Arc;
 use std::thread::{Builder, scope};
 
 use crossbeam::channel::bounded;
@@ -247,7 +248,7 @@ fn run_frames<T: Sink>(
 ) -> Result<Completion, RunError> {
     // Never full: it has room for all frames in flight.
     let (send, done) = bounded(stage.context.window);
-    let mailbox = Mailbox::new();
+    let mailbox = Mailbox::new(Arc::clone(&stage.processing));
     scope(|scope| {
         // Stops the workers on every exit path; otherwise the scope would wait for them.
         let _end_all = EndAll(stage);

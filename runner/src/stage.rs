@@ -49,6 +49,8 @@ pub(crate) struct Stage<'a, T: Sink> {
     pub(crate) nodes: Vec<FrameNode<T::Part>>,
     pub(crate) reuse: Option<Reuse<'a>>,
     pub(crate) sampler: Sampler,
+    /// The frames whose steps have not all ended.
+    pub(crate) processing: Arc<AtomicUsize>,
     queues: Queues<Task<T::Part>>,
     /// Of a live stage: its encoding tasks, which wait until no node is ready.
     encode_queues: Option<Queues<Task<T::Part>>>,
@@ -80,6 +82,7 @@ impl<'a, T: Sink> Stage<'a, T> {
         Self {
             sampler: Sampler::new(context.audit, graph.producers.len()),
             queues: Queues::new(context.window),
+            processing: Arc::default(),
             encode_queues: None,
             last: AtomicUsize::new(usize::MAX),
             ended: AtomicBool::new(false),
@@ -100,6 +103,7 @@ impl<'a, T: Sink> Stage<'a, T> {
 
     pub(crate) fn admit(&self, position: FrameIndex, frame: Frame, arrival: Option<LiveArrival>) {
         let frame = Arc::new(InFlight::new(position, frame, arrival, &self.graph));
+        self.processing.fetch_add(1, Ordering::Relaxed);
         self.queues.push(position, Task { frame, step: StepId::SOURCE });
         self.context.budget.wake(1);
     }

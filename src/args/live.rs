@@ -88,7 +88,10 @@ pub(crate) struct LiveArgs {
     #[arg(long, short = 'j', value_name = "N", value_parser = clap::value_parser!(u16).range(1..=1024))]
     pub workers: Option<u16>,
 
-    /// Limit the frames in flight (default: the smallest number that keeps the rate).
+    /// Limit the frames in flight (default: workers + 2).
+    ///
+    /// Without the option, fewer are in flight while frames are dropped, as long as that keeps the rate: then latency is
+    /// lower.
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u16).range(1..=4096))]
     pub window: Option<u16>,
 

@@ -14,7 +14,7 @@ use depthloom_recording::{Recorder, Recording};
 use depthloom_runner::{Audit, Interrupt, Live, LiveReport, Options, Report, RunError, run_live};
 use depthloom_runs::environment::{self, ENVIRONMENT};
 use depthloom_runs::run_folder::RunFolder;
-use depthloom_runs::{GitState, RECORDING, TIMINGS, models, reuse, run_failed, write_timings};
+use depthloom_runs::{GitState, LIVE, RECORDING, TIMINGS, models, reuse, run_failed, write_timings};
 use depthloom_terminal::{CliError, ExitCode, print, print_path, say};
 
 pub(crate) use self::output::LiveOutput;
@@ -27,9 +27,6 @@ use crate::args::LiveArgs;
 use crate::output::diagnostics;
 use crate::output::live::LiveProgress;
 use crate::results::report;
-
-/// The file in the run's folder with the latencies and drops.
-const LIVE: &str = "live.json";
 
 /// Whether nothing but errors is printed while it runs.
 pub(crate) const fn is_silent(args: &LiveArgs) -> bool {

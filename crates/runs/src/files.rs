@@ -8,6 +8,8 @@ pub const FOLDER: &str = "runs";
 pub const RECORDING: &str = "recording.mcap";
 /// The timings of a run.
 pub const TIMINGS: &str = "timings.parquet";
+/// The drops and latencies of a live run, in its folder.
+pub const LIVE: &str = "live.json";
 /// In the folder of an unfinished run: a recording that cannot be resumed, because data, programs or engines changed
 /// since, or because it is damaged. Its values are still reused by their cache keys.
 pub const OUTDATED: &str = "recording.outdated.mcap";

@@ -23,7 +23,7 @@ mod timings;
 
 pub use condition::{Condition, condition_paths};
 pub use failures::{FrameFailure, Frames, frames_and_failures};
-pub use files::{FOLDER, MARKER, MODELS, NOTES, OUTDATED, RECORDING, TIMINGS, next_outdated, outdated_files};
+pub use files::{FOLDER, LIVE, MARKER, MODELS, NOTES, OUTDATED, RECORDING, TIMINGS, next_outdated, outdated_files};
 pub use found::{FoundRun, all, in_folder};
 pub use git::GitState;
 pub use glance::{Best, File, Glance, State, bytes_in, files_in};

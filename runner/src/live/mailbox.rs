@@ -1,7 +1,7 @@
 //! Where the newest captured frame waits for admission.
 
-use std::sync::atomic::{AtomicBool, Ordering};
-use std::sync::{Condvar, Mutex, PoisonError};
+use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
+use std::sync::{Arc, Condvar, Mutex, PoisonError};
 use std::time::Duration;
 
 use crossbeam::channel::{Receiver, Sender, TrySendError, bounded};
@@ -19,8 +19,8 @@ pub(crate) struct Mailbox {
     taken: Condvar,
     /// Has a message when a frame was put in, or the stream has ended.
     arrivals: (Sender<()>, Receiver<()>),
-    /// Whether the writer is busy: what is dropped meanwhile is dropped because of the recording.
-    writing: AtomicBool,
+    /// The frames in the nodes. While there are none, the writer alone holds frames up.
+    processing: Arc<AtomicUsize>,
     closed: AtomicBool,
 }
 
@@ -57,12 +57,13 @@ impl Drop for CloseOnDrop<'_> {
 }
 
 impl Mailbox {
-    pub(crate) fn new() -> Self {
+    /// `processing` is the number of frames in the nodes.
+    pub(crate) fn new(processing: Arc<AtomicUsize>) -> Self {
         Self {
             state: Mutex::default(),
             taken: Condvar::new(),
             arrivals: bounded(1),
-            writing: AtomicBool::new(false),
+            processing,
             closed: AtomicBool::new(false),
         }
     }
@@ -71,17 +72,13 @@ impl Mailbox {
         self.closed.load(Ordering::SeqCst)
     }
 
-    pub(crate) fn set_writing(&self, is_writing: bool) {
-        self.writing.store(is_writing, Ordering::Relaxed);
-    }
-
     /// Puts a frame in, in place of one that is still there.
     pub(crate) fn put(&self, frame: Box<StreamFrame>) {
         let mut state = locked(&self.state);
         state.offered += 1 + frame.missed;
         state.dropped.source += frame.missed;
         if state.waiting.replace(frame).is_some() {
-            if self.writing.load(Ordering::Relaxed) {
+            if self.processing.load(Ordering::Relaxed) == 0 {
                 state.dropped.recording += 1;
             } else {
                 state.dropped.graph += 1;
@@ -165,6 +162,8 @@ impl Mailbox {
 
 #[cfg(test)]
 pub(crate) mod tests {
+    use std::sync::Arc;
+    use std::sync::atomic::{AtomicUsize, Ordering};
     use std::time::Instant;
 
     use depthloom_graphs::contracts::{Drops, Frame, StreamFrame};
@@ -180,12 +179,12 @@ pub(crate) mod tests {
 
     #[test]
     fn the_newest_frame_wins_and_every_other_one_is_counted_by_its_cause() {
-        let mailbox = Mailbox::new();
+        let processing = Arc::new(AtomicUsize::new(1));
+        let mailbox = Mailbox::new(Arc::clone(&processing));
         mailbox.put(captured(0, 0));
         mailbox.put(captured(3, 2));
-        mailbox.set_writing(true);
+        processing.store(0, Ordering::Relaxed);
         mailbox.put(captured(4, 0));
-        mailbox.set_writing(false);
         let Arrival::Frame(frame, drops) = mailbox.take() else { panic!("a frame waits") };
         assert_eq!((frame.frame.index, drops), (4, Drops { graph: 1, recording: 1, source: 2 }));
         assert!(matches!(mailbox.take(), Arrival::Nothing));

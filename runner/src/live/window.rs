@@ -1,76 +1,88 @@
 //! The smallest window that keeps the rate.
 //!
-//! By Little's law, frames wait for each other if more are in flight than the workers need, and latency grows with the
-//! window while the rate does not. Only while frames are dropped does the window matter: otherwise frames arrive more
-//! slowly than they are processed. So the window is tried one larger or one smaller for a period in which frames are
-//! dropped. The larger one must be faster, the smaller one as fast; if neither is, the next trials come later.
+//! By Little's law, latency grows with the number of frames in flight while the rate does not, as soon as all workers
+//! are busy. This matters only while the nodes cannot keep up: otherwise frames arrive more slowly than they are
+//! processed, and a large window absorbs a moment in which the machine does other work. So while a good part of the
+//! frames is dropped, the window is tried one smaller or one larger for a period. The smaller one must be as fast, the
+//! larger one faster; if neither is, the next trials come later. When frames are dropped no longer, the window is the
+//! largest again.
 
-/// The least gain in rate for which a larger window is kept, and the largest loss for which a smaller one is.
+/// The largest loss in rate for which a smaller window is kept, and the least gain for which a larger one is.
+const LOSS: f64 = 0.97;
 const GAIN: f64 = 1.03;
-const LOSS: f64 = 0.98;
-/// Periods between trials, once neither a larger nor a smaller window was better.
+/// The share of dropped frames from which the nodes cannot keep up.
+const OVERLOAD: f64 = 0.05;
+/// Periods between trials, once neither a smaller nor a larger window was better.
 const REST: u32 = 20;
+/// Periods without overload after which the window is the largest again.
+const QUIET: u32 = 6;
 
 /// Chooses the window of a live stage.
 pub(crate) struct WindowControl {
     window: usize,
     most: usize,
+    is_fixed: bool,
     /// The rate before a trial, and whether the trial is of a larger window.
     trial: Option<(f64, bool)>,
     tries_larger: bool,
+    /// Trials that failed since the last one that was kept.
     failed: u32,
     rest: u32,
+    quiet: u32,
 }
 
 impl WindowControl {
-    /// Starts with a frame for every worker.
-    pub(crate) fn new(workers: usize, most: usize) -> Self {
-        let window = workers.clamp(1, most);
-        Self { window, most, trial: None, tries_larger: true, failed: 0, rest: 0 }
+    /// Starts with the largest window.
+    pub(crate) const fn new(most: usize) -> Self {
+        Self { window: most, most, is_fixed: false, trial: None, tries_larger: false, failed: 0, rest: 0, quiet: 0 }
     }
 
-    pub(crate) fn fixed(window: usize) -> Self {
-        Self { window, most: window, trial: None, tries_larger: true, failed: 0, rest: u32::MAX }
+    pub(crate) const fn fixed(window: usize) -> Self {
+        Self { is_fixed: true, ..Self::new(window) }
     }
 
     pub(crate) const fn window(&self) -> usize {
         self.window
     }
 
-    /// Ends a period in which `rate` frames per second were written, and frames were dropped or not.
-    pub(crate) fn end_period(&mut self, rate: f64, has_drops: bool) {
-        if self.rest == u32::MAX {
+    /// Ends a period in which `rate` frames per second were written, and this share of the captured ones was dropped.
+    pub(crate) fn end_period(&mut self, rate: f64, dropped: f64) {
+        if self.is_fixed || self.most == 1 {
             return;
         }
-        if !has_drops {
-            // A trial that ends without drops keeps the rate.
+        if dropped < OVERLOAD {
             self.trial = None;
+            self.quiet += 1;
+            if self.quiet >= QUIET {
+                *self = Self::new(self.most);
+            }
             return;
         }
+        self.quiet = 0;
         if let Some((before, is_larger)) = self.trial.take() {
-            let is_kept = rate >= before * if is_larger { GAIN } else { LOSS };
-            if is_kept {
-                self.failed = 0;
-            } else {
-                self.window = if is_larger { self.window - 1 } else { self.window + 1 };
-                self.failed += 1;
-                self.tries_larger = !is_larger;
-            }
-            if self.failed >= 2 {
-                (self.failed, self.rest) = (0, REST);
-            }
-            return;
-        }
-        if self.rest > 0 {
+            self.end_trial(rate, before, is_larger);
+        } else if self.rest > 0 {
             self.rest -= 1;
+        } else {
+            let is_larger = self.window == 1 || self.tries_larger && self.window < self.most;
+            self.trial = Some((rate, is_larger));
+            self.window = if is_larger { self.window + 1 } else { self.window - 1 };
+        }
+    }
+
+    const fn end_trial(&mut self, rate: f64, before: f64, is_larger: bool) {
+        let is_kept = rate >= before * if is_larger { GAIN } else { LOSS };
+        if is_kept {
+            self.failed = 0;
             return;
         }
-        let is_larger = if self.window == 1 { true } else { self.tries_larger && self.window < self.most };
-        if is_larger && self.window == self.most {
-            return;
+        self.window = if is_larger { self.window - 1 } else { self.window + 1 };
+        self.tries_larger = !is_larger;
+        self.failed += 1;
+        // At the ends there is only one direction.
+        if self.failed >= 2 || self.window == self.most || self.window == 1 {
+            (self.failed, self.rest) = (0, REST);
         }
-        self.trial = Some((rate, is_larger));
-        self.window = if is_larger { self.window + 1 } else { self.window - 1 };
     }
 }
 
@@ -78,34 +90,42 @@ impl WindowControl {
 mod tests {
     use super::WindowControl;
 
-    /// The window after many periods, if the rate follows from the window.
-    fn settled(workers: usize, most: usize, rate: impl Fn(usize) -> f64) -> usize {
-        let mut control = WindowControl::new(workers, most);
+    /// The window in most periods, if the rate follows from the window and the nodes cannot keep up.
+    fn settled(most: usize, rate: impl Fn(usize) -> f64) -> usize {
+        let mut control = WindowControl::new(most);
         let windows: Vec<usize> = (0..400)
             .map(|_| {
-                control.end_period(rate(control.window()), true);
+                control.end_period(rate(control.window()), 0.5);
                 control.window()
             })
             .collect();
-        // The most frequent one: trials come and go.
         (1..=most).max_by_key(|window| windows.iter().filter(|at| *at == window).count()).expect("a window")
     }
 
     #[test]
     fn the_smallest_window_that_keeps_the_rate_is_found() {
-        assert_eq!(settled(2, 4, |_| 10.0), 1);
-        assert_eq!(settled(2, 4, |window| 10.0 * window.min(2) as f64), 2);
-        assert_eq!(settled(2, 4, |window| 10.0 * window.min(3) as f64), 3);
-        assert_eq!(settled(8, 10, |window| 10.0 * window as f64), 10);
+        assert_eq!(settled(4, |_| 10.0), 1);
+        assert_eq!(settled(4, |window| 10.0 * window.min(2) as f64), 2);
+        assert_eq!(settled(4, |window| 10.0 * window.min(3) as f64), 3);
+        assert_eq!(settled(10, |window| 10.0 * window as f64), 10);
+        assert_eq!(settled(1, |_| 10.0), 1);
     }
 
     #[test]
-    fn nothing_changes_without_drops_or_with_a_fixed_window() {
-        let mut control = WindowControl::new(2, 4);
-        (0..50).for_each(|_| control.end_period(30.0, false));
-        assert_eq!(control.window(), 2);
+    fn the_window_is_the_largest_where_the_nodes_keep_up_and_again_when_they_do() {
+        let mut control = WindowControl::new(4);
+        (0..50).for_each(|_| control.end_period(30.0, 0.01));
+        assert_eq!(control.window(), 4);
+        (0..50).for_each(|_| control.end_period(30.0, 0.5));
+        assert!(control.window() < 4);
+        (0..10).for_each(|_| control.end_period(30.0, 0.0));
+        assert_eq!(control.window(), 4);
+    }
+
+    #[test]
+    fn a_fixed_window_stays() {
         let mut control = WindowControl::fixed(3);
-        (0..50).for_each(|_| control.end_period(30.0, true));
+        (0..50).for_each(|_| control.end_period(30.0, 0.9));
         assert_eq!(control.window(), 3);
     }
 }

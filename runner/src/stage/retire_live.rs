@@ -124,7 +124,7 @@ impl<'s, 'a, T: Sink> LiveStage<'s, 'a, T> {
         let most = stage.context.window;
         let window = match options.window {
             Some(window) => WindowControl::fixed(window.clamp(1, most)),
-            None => WindowControl::new(stage.context.budget.width(), most),
+            None => WindowControl::new(most),
         };
         let now = Instant::now();
         Self {
@@ -173,10 +173,7 @@ impl<'s, 'a, T: Sink> LiveStage<'s, 'a, T> {
         let latency_ns = latest.map_or(0, since);
         let commit = LiveCommit { drops: *drops, latency_ns };
         let writing = Instant::now();
-        self.mailbox.set_writing(true);
-        let written = write(self.stage, frame, Some(commit), ledger);
-        self.mailbox.set_writing(false);
-        written?;
+        write(self.stage, frame, Some(commit), ledger)?;
         self.written += 1;
         self.stage.set_oldest(FrameIndex(self.written));
         if self.written == 1 {
@@ -216,7 +213,8 @@ impl<'s, 'a, T: Sink> LiveStage<'s, 'a, T> {
         let hz = |frames: u64| frames as f64 / elapsed.as_secs_f64();
         let processed_hz = hz((self.written - self.period.written) as u64);
         let offered_hz = hz(offered - self.period.offered);
-        self.window.end_period(processed_hz, self.drops.graph > self.period.drops.graph);
+        let dropped = (self.drops.graph - self.period.drops.graph) as f64;
+        self.window.end_period(processed_hz, dropped / (offered - self.period.offered).max(1) as f64);
         let (frames, steps) = self.meters.take_lately();
         let status = LiveStatus {
             elapsed: now.saturating_duration_since(self.started),

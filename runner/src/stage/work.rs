@@ -1,6 +1,7 @@
 //! What a worker does: it takes tasks of the oldest frames, and queues the steps that become ready.
 
 use std::sync::Arc;
+use std::sync::atomic::Ordering;
 
 use crossbeam::channel::Sender;
 use depthloom_graphs::contracts::Sink;
@@ -87,6 +88,7 @@ impl<T: Sink> Stage<'_, T> {
         }
         self.context.budget.wake(queued);
         if is_complete {
+            self.processing.fetch_sub(1, Ordering::Relaxed);
             // Fails only if the writer has ended, and then the stage has ended too.
             let _ = done.send(frame);
         }

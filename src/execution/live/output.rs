@@ -177,12 +177,13 @@ fn table(live: &LiveReport) -> String {
     };
     let mut rows = vec![["", "p50", "p95", "p99", "max", "jitter", "own time"].map(str::to_owned)];
     rows.push(row("estimates", &live.frames, String::new()));
-    // Parts of the recording are encoded side by side; the last one counts.
+    // The recording has several parts: the latency is that of the last one, the own time that of all.
     let encoded = live.steps.iter().filter(|step| matches!(step.phase, Phase::Encode(_)));
     let last = encoded.max_by_key(|step| step.latency.p50_ns).map(|step| step.phase);
     for step in &live.steps {
         if !matches!(step.phase, Phase::Encode(_)) || Some(step.phase) == last {
-            rows.push(row(&step.label, &step.latency, number(step.median_wall_ns)));
+            let parts = live.steps.iter().filter(|part| part.label == step.label);
+            rows.push(row(&step.label, &step.latency, number(parts.map(|part| part.median_wall_ns).sum())));
         }
     }
     aligned(&rows, &[1, 2, 3, 4, 5, 6])

@@ -7,9 +7,9 @@ use std::path::Path;
 
 use depthloom_analysis::{PAGE, SAMPLES};
 
-use crate::files::{MARKER, MODELS, NOTES, OUTDATED, RECORDING, TIMINGS, is_outdated};
+use crate::files::{LIVE, MARKER, MODELS, NOTES, OUTDATED, RECORDING, TIMINGS, is_outdated};
 
-const FILES: [&str; 9] = [
+const FILES: [&str; 10] = [
     MARKER,
     RECORDING,
     OUTDATED,
@@ -17,6 +17,7 @@ const FILES: [&str; 9] = [
     "experiment.resolved.yaml",
     "environment.json",
     TIMINGS,
+    LIVE,
     NOTES,
     "programs.log",
 ];
