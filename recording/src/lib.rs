@@ -55,7 +55,7 @@ pub use read::attachment::AttachmentEntry;
 pub use read::damage::Damage;
 pub use read::damaged_content::DamagedContent;
 pub use read::frame_reader::{FrameReader, StoredMessage};
-pub use read::recording::{RecordedAggregate, RecordedContent, RecordedFrame, Recording};
+pub use read::recording::{LiveTotals, RecordedAggregate, RecordedContent, RecordedFrame, Recording};
 pub use read::topic_sizes::TopicSize;
 pub use reuse::earlier_runs::EarlierRuns;
 pub use source::{Mcap, McapParams};

@@ -9,6 +9,7 @@ pub(crate) mod disk;
 pub(crate) mod file_writer;
 pub(crate) mod layout;
 pub(crate) mod part;
+pub(crate) mod part_encoder;
 pub(crate) mod recorder;
 pub(crate) mod resume;
 pub(crate) mod viewer;

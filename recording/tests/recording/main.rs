@@ -5,6 +5,7 @@ mod digest;
 mod faults;
 mod finer_values;
 mod fixture;
+mod live;
 mod looking;
 mod other_readers;
 mod python;
