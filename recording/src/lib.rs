@@ -64,6 +64,7 @@ pub use write::disk::{Disk, WrapFile};
 pub use write::part::Part;
 pub use write::recorder::{Compression, Recorder, Written};
 pub use write::resume::{Recovered, recover};
+pub use write::ring::{RingEvent, RingFile, RingOptions, RingSink};
 
 /// The version of the recording format, the only one that is read. Version 0.1 of depthloom wrote 1 to 5.
 pub(crate) const FORMAT: &str = "7";

@@ -12,4 +12,5 @@ pub(crate) mod part;
 pub(crate) mod part_encoder;
 pub(crate) mod recorder;
 pub(crate) mod resume;
+pub(crate) mod ring;
 pub(crate) mod viewer;

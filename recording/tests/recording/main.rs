@@ -9,5 +9,6 @@ mod live;
 mod looking;
 mod other_readers;
 mod python;
+mod ring;
 mod round_trip;
 mod true_disparity;
