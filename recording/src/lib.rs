@@ -61,6 +61,7 @@ pub use reuse::earlier_runs::EarlierRuns;
 pub use source::{Mcap, McapParams};
 pub use write::attachments::Attachment;
 pub use write::disk::{Disk, WrapFile};
+pub use write::messages::{MessageChannel, MessageEncoder};
 pub use write::part::Part;
 pub use write::recorder::{Compression, Recorder, Written};
 pub use write::resume::{Recovered, recover};

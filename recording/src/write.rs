@@ -8,6 +8,7 @@ pub(crate) mod compression;
 pub(crate) mod disk;
 pub(crate) mod file_writer;
 pub(crate) mod layout;
+pub(crate) mod messages;
 pub(crate) mod part;
 pub(crate) mod part_encoder;
 pub(crate) mod recorder;
