@@ -20,7 +20,7 @@ use crate::read::damaged_content::DamagedContent;
 use crate::read::index::{ChunkEntry, Index, MetadataEntry};
 use crate::read::recovery_scan::{Scanned, scan};
 use crate::write::file_writer::LIBRARY;
-use crate::{ENDED_METADATA, PLAN_METADATA, RECOVERED};
+use crate::{ENDED_METADATA, PLAN_METADATA, RECOVERED, WINDOW_METADATA};
 use depthloom_mcap::records::{Header, Metadata};
 use depthloom_mcap::{FileError, MAGIC_LENGTH, PositionedFile, RecordPlace, Window, begins_as_mcap, op, read_all};
 
@@ -47,6 +47,15 @@ pub struct RecordedFrame {
     pub live: Option<LiveCommit>,
     pub(crate) chunks: Range<usize>,
     pub(crate) commit: usize,
+}
+
+/// The frames of a recording that a ring wrote: only those of one stage run, from a position on.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct RecordedWindow {
+    /// The stage run.
+    pub run: RunId,
+    /// The position in the stage run of the first frame that was recorded.
+    pub first: FrameIndex,
 }
 
 /// The frames of the live runs of a recording.
@@ -194,6 +203,14 @@ impl Recording {
     #[must_use]
     pub fn frames(&self, run: RunId) -> &[RecordedFrame] {
         self.frames.get(run.0).map_or(&[], Vec::as_slice)
+    }
+
+    /// Which frames a ring recorded; `None` if the recording is not that of a ring.
+    #[must_use]
+    pub fn window(&self) -> Option<RecordedWindow> {
+        let entry = self.index.metadata.iter().find(|metadata| metadata.name == WINDOW_METADATA)?;
+        let number = |name: &str| entry.values.get(name)?.parse::<usize>().ok();
+        Some(RecordedWindow { run: RunId(number("run")?), first: FrameIndex(number("first")?) })
     }
 
     /// The frames of live runs, and the frames that these dropped; `None` without such frames. Frames dropped after the

@@ -47,8 +47,8 @@ impl PartEncoder {
         self.earlier.as_deref().map(|earlier| earlier as &dyn Store)
     }
 
-    /// Whether a frame at that position has its values recorded.
-    pub(crate) const fn is_kept(&self, position: FrameIndex) -> bool {
+    /// Whether the values of a frame at that position are recorded.
+    pub(crate) const fn has_values(&self, position: FrameIndex) -> bool {
         (position.0 as u64).is_multiple_of(self.every)
     }
 
@@ -123,7 +123,7 @@ impl PartEncoder {
 
     pub(crate) fn keeps(&self, run: RunId, slot: Slot, position: FrameIndex) -> bool {
         let port = self.layout.runs[run].port(slot);
-        port.is_some_and(|port| self.is_kept(position) || port.class == Class::Rows)
+        port.is_some_and(|port| self.has_values(position) || port.class == Class::Rows)
     }
 
     /// The part with the commit record of a frame; `crc32_before` is that of all bytes before it.

@@ -13,7 +13,7 @@ use depthloom_graphs::{Frame, Key, Value};
 use crate::error::RecordingError;
 use crate::plan::{RecordedPlan, json};
 use crate::read::curve::points_part;
-use crate::read::recording::Recording;
+use crate::read::recording::{RecordedWindow, Recording};
 use crate::reuse::earlier_runs::EarlierRuns;
 use crate::write::attachments::{Attachment, artifact_name, experiment_files};
 use crate::write::disk::{Disk, WrapFile, itself};
@@ -23,7 +23,7 @@ use crate::write::part::Part;
 use crate::write::part_encoder::{PartEncoder, too_large};
 use crate::write::resume::{Resumed, resume};
 use crate::write::viewer::{BEGINNING_NS, at_the_time_shown};
-use crate::{AGGREGATE_METADATA, ENDED_METADATA, FORMAT, LARGEST_CHUNK, PLAN_METADATA};
+use crate::{AGGREGATE_METADATA, ENDED_METADATA, FORMAT, LARGEST_CHUNK, PLAN_METADATA, WINDOW_METADATA};
 use depthloom_threads::locked;
 
 /// Statistics of a finished recording.
@@ -218,6 +218,13 @@ impl Recorder {
     fn state(&self) -> MutexGuard<'_, State> {
         // A thread that panicked in here can only leave a writer that refuses further writes.
         locked(&self.state)
+    }
+
+    /// States that the file has only frames of one stage run, from a position on.
+    pub(crate) fn record_window(&self, window: RecordedWindow) -> Result<(), RecordingError> {
+        let entries = [("run", window.run.0), ("first", window.first.0)];
+        let entries = entries.map(|(name, number)| (name.to_owned(), number.to_string()));
+        self.state().writer.metadata(WINDOW_METADATA, entries.into())
     }
 
     /// Appends a frame: its parts, then its commit record. `position` is the frame's position in its stage run; `None`

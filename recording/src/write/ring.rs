@@ -17,6 +17,7 @@ use depthloom_graphs::{Frame, Key, Value};
 use depthloom_threads::{Caught, caught, locked, look_for_room};
 
 use crate::error::RecordingError;
+use crate::read::recording::RecordedWindow;
 use crate::reuse::earlier_runs::EarlierRuns;
 use crate::write::disk::Disk;
 use crate::write::layout::FileLayout;
@@ -275,7 +276,7 @@ impl RingSink {
         let mut ring = locked(&self.ring);
         let old = ring.evict(taken, self.window, self.max_bytes);
         // In a recording, the first frame and each n-th after it have values.
-        let frames = ring.frames.iter().skip_while(|frame| !self.encoder.is_kept(frame.position)).cloned().collect();
+        let frames = ring.frames.iter().skip_while(|frame| !self.encoder.has_values(frame.position)).cloned().collect();
         let is_in_window = |written: Instant| taken.duration_since(written) <= self.window;
         let is_limited_by_bytes = ring.last_lost_to_bytes.is_some_and(is_in_window);
         let aggregates = ring.aggregates.clone();
@@ -443,9 +444,11 @@ impl RingFiles {
 
     fn fill(&self, path: &Path, file: File, snapshot: &Snapshot) -> Result<u64, ErrorMessage> {
         let recorder = Recorder::create_in(path, (self.through)(file), &self.plan)?;
-        let live = snapshot.frames.first().map(|frame| frame.commit.run);
+        let first = snapshot.frames.first();
+        let window = first.map(|frame| RecordedWindow { run: frame.commit.run, first: frame.position });
+        window.map_or(Ok(()), |window| recorder.record_window(window))?;
         let (after, before): (Vec<_>, Vec<_>) =
-            snapshot.aggregates.iter().partition(|aggregate| Some(aggregate.run) == live);
+            snapshot.aggregates.iter().partition(|aggregate| Some(aggregate.run) == window.map(|window| window.run));
         let record = |aggregate: &Arc<RingAggregate>| {
             let RingAggregate { run, slot, key, value, warnings } = &**aggregate;
             recorder.once(*run, *slot, key, value, warnings)

@@ -9,7 +9,9 @@ use std::sync::{Arc, Condvar, Mutex};
 use std::time::Duration;
 
 use depthloom_graphs::plan::{FrameIndex, Plan, RunId};
-use depthloom_recording::{Condition, Disk, Recorder, Recording, RingEvent, RingFile, RingOptions, RingSink};
+use depthloom_recording::{
+    Condition, Disk, RecordedWindow, Recorder, Recording, RingEvent, RingFile, RingOptions, RingSink,
+};
 
 use crate::fixture::{curve, frame, plan_of, record_aggregate_values, record_live_frame, values};
 use crate::live::live;
@@ -91,9 +93,9 @@ fn a_ring_writes_the_frames_of_its_window_with_equal_values() {
         write(&ring, 5);
         ring.size().1
     };
-    let kept = folder.path().join("kept");
+    let target = folder.path().join("kept");
     // Space for a few frames.
-    let (ring, events) = ring(&plan, RingOptions { max_bytes: 5 * frame_bytes, ..options(&kept) });
+    let (ring, events) = ring(&plan, RingOptions { max_bytes: 5 * frame_bytes, ..options(&target) });
     // A batch stage before it: only its aggregate values.
     record_live_frame(&ring, TRAIN, (0, &frame(0)), &[], false, None);
     record_aggregate_values(&ring, TRAIN);
@@ -106,15 +108,17 @@ fn a_ring_writes_the_frames_of_its_window_with_equal_values() {
     assert!((3..=6).contains(&frames), "{frames}");
     ring.trigger();
     let written = file(&events);
-    assert_eq!(written.path, kept.join("kept-0001.mcap"));
+    assert_eq!(written.path, target.join("kept-0001.mcap"));
     assert_eq!((written.frames, written.is_limited_by_bytes), (frames, true));
     assert_eq!(written.bytes, std::fs::metadata(&written.path).unwrap().len());
-    assert_eq!(std::fs::read_dir(&kept).unwrap().count(), 1, "no temporary file is left");
+    assert_eq!(std::fs::read_dir(&target).unwrap().count(), 1, "no temporary file is left");
 
     let all = recorded(folder.path(), &plan, 12);
     assert!(content(&written.path, LIVE) == all[12 - frames as usize..]);
     let recording = Recording::open(&written.path).unwrap();
     assert!(recording.frames(TRAIN).is_empty());
+    let window = RecordedWindow { run: LIVE, first: FrameIndex(12 - frames as usize) };
+    assert_eq!(recording.window(), Some(window));
     assert_eq!(recording.frames(LIVE)[0].index, 12 - frames, "frames keep their numbers");
     let [model, learning_curve] = recording.aggregate_values() else { panic!("two aggregate values are expected") };
     assert_eq!((model.run, learning_curve.run), (TRAIN, TRAIN));
@@ -125,7 +129,7 @@ fn a_ring_writes_the_frames_of_its_window_with_equal_values() {
     write(&ring, 12);
     ring.trigger();
     let second = file(&events);
-    assert_eq!(second.path, kept.join("kept-0002.mcap"));
+    assert_eq!(second.path, target.join("kept-0002.mcap"));
     let all = recorded(folder.path(), &plan, 13);
     assert!(content(&second.path, LIVE) == all[13 - second.frames as usize..]);
     assert!(second.frames > 1);
@@ -136,9 +140,9 @@ fn a_ring_writes_the_frames_of_its_window_with_equal_values() {
 #[test]
 fn a_ring_forgets_frames_that_are_too_old() {
     let folder = tempfile::tempdir().unwrap();
-    let kept = folder.path().join("kept");
+    let target = folder.path().join("kept");
     let window = Duration::from_millis(400);
-    let (ring, events) = ring(&plan(), RingOptions { window, ..options(&kept) });
+    let (ring, events) = ring(&plan(), RingOptions { window, ..options(&target) });
     write(&ring, 0);
     std::thread::sleep(2 * window);
     write(&ring, 1);
@@ -153,7 +157,7 @@ fn a_ring_forgets_frames_that_are_too_old() {
     ring.trigger();
     assert!(matches!(events.recv_timeout(PATIENCE), Ok(RingEvent::Empty)));
     assert_eq!(ring.size(), (0, 0));
-    assert_eq!(std::fs::read_dir(&kept).unwrap().count(), 1);
+    assert_eq!(std::fs::read_dir(&target).unwrap().count(), 1);
 }
 
 #[test]
