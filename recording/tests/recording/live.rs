@@ -1,4 +1,5 @@
 //! What a live run knows of its frames is stored with their commits.
+#![expect(clippy::unwrap_used, reason = "helpers fail as tests do")]
 
 use std::path::Path;
 

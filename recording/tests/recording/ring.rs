@@ -1,4 +1,5 @@
 //! A ring of the last seconds of a live run, and the recordings that it writes.
+#![expect(clippy::unwrap_used, reason = "helpers fail as tests do")]
 
 use std::fs::File;
 use std::io::{self, ErrorKind};
