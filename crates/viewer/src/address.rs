@@ -36,9 +36,8 @@ impl ServeAddress {
     #[must_use]
     pub fn warning(self) -> Option<String> {
         let is_local = self.0.ip().to_canonical().is_loopback();
-        (!is_local).then(|| {
-            format!("anyone who can reach {} over the network can watch: the server asks for no password", self.0)
-        })
+        (!is_local)
+            .then(|| format!("anyone who can reach {} over the network can watch: the server has no password", self.0))
     }
 }
 

@@ -31,7 +31,7 @@ pub(crate) struct Queue {
 }
 
 impl Queue {
-    /// For frames with at most so many parts.
+    /// `parts` is the largest number of parts of a frame.
     pub(crate) fn new(parts: usize) -> Self {
         Self {
             parts: ArrayQueue::new(FRAMES * parts.max(1)),

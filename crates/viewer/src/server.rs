@@ -7,7 +7,7 @@ use depthloom_graphs::ErrorMessage;
 use depthloom_recording::MessageEncoder;
 use foxglove::{Context, FoxgloveError, PartialMetadata, RawChannel, Schema, WebSocketServerHandle};
 
-/// A client that does not read has so many messages of each channel waiting. Then its oldest messages are dropped.
+/// The most messages per channel that wait for a client. If it does not read them, the oldest ones are dropped.
 const BACKLOG: usize = 2;
 const LEAST_BACKLOG: usize = 16;
 
