@@ -1,7 +1,7 @@
 //! The message that commits a frame of a recording.
 
 use depthloom_graphs::Key;
-use depthloom_graphs::contracts::{Commit, Failure, NodeWarning, Slot, SlotKey};
+use depthloom_graphs::contracts::{Commit, Drops, Failure, LiveCommit, NodeWarning, Slot, SlotKey};
 use depthloom_graphs::plan::{NodeId, PortId};
 
 /// `depthloom.Commit`: completes a frame. Everything between it and the previous commit belongs to the frame.
@@ -29,6 +29,23 @@ pub(crate) struct CommitMessage {
     /// `None` in recordings that do not state it.
     #[prost(message, optional, tag = "9")]
     pub(crate) absent: Option<AbsentMessage>,
+    /// Of a live run.
+    #[prost(message, optional, tag = "10")]
+    pub(crate) live: Option<LiveMessage>,
+}
+
+/// `depthloom.Live`: what a live run knows of a frame: the frames dropped since the previous one by cause, and the time
+/// from its capture until all its values were there.
+#[derive(Clone, Copy, PartialEq, Eq, prost::Message)]
+pub(crate) struct LiveMessage {
+    #[prost(uint64, tag = "1")]
+    pub(crate) dropped_graph: u64,
+    #[prost(uint64, tag = "2")]
+    pub(crate) dropped_recording: u64,
+    #[prost(uint64, tag = "3")]
+    pub(crate) dropped_source: u64,
+    #[prost(uint64, tag = "4")]
+    pub(crate) latency_ns: u64,
 }
 
 /// `depthloom.Absent`: the output ports without a value although their node ran.
@@ -115,7 +132,20 @@ impl CommitMessage {
                     count: warning.count,
                 })
                 .collect(),
+            live: commit.live.map(|LiveCommit { drops, latency_ns }| LiveMessage {
+                dropped_graph: drops.graph,
+                dropped_recording: drops.recording,
+                dropped_source: drops.source,
+                latency_ns,
+            }),
         }
+    }
+
+    pub(crate) fn live(&self) -> Option<LiveCommit> {
+        self.live.map(|live| LiveCommit {
+            drops: Drops { graph: live.dropped_graph, recording: live.dropped_recording, source: live.dropped_source },
+            latency_ns: live.latency_ns,
+        })
     }
 
     /// The outputs without a value although their source or node ran; `None` if the recording does not state it.

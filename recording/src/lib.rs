@@ -55,15 +55,17 @@ pub use read::attachment::AttachmentEntry;
 pub use read::damage::Damage;
 pub use read::damaged_content::DamagedContent;
 pub use read::frame_reader::{FrameReader, StoredMessage};
-pub use read::recording::{RecordedAggregate, RecordedContent, RecordedFrame, Recording};
+pub use read::recording::{LiveTotals, RecordedAggregate, RecordedContent, RecordedFrame, RecordedWindow, Recording};
 pub use read::topic_sizes::TopicSize;
 pub use reuse::earlier_runs::EarlierRuns;
 pub use source::{Mcap, McapParams};
 pub use write::attachments::Attachment;
 pub use write::disk::{Disk, WrapFile};
+pub use write::messages::{MessageChannel, MessageEncoder};
 pub use write::part::Part;
 pub use write::recorder::{Compression, Recorder, Written};
 pub use write::resume::{Recovered, recover};
+pub use write::ring::{RingEvent, RingFile, RingOptions, RingSink};
 
 /// The version of the recording format, the only one that is read. Version 0.1 of depthloom wrote 1 to 5.
 pub(crate) const FORMAT: &str = "7";
@@ -79,7 +81,9 @@ pub(crate) const PLAN_METADATA: &str = "depthloom";
 pub(crate) const AGGREGATE_METADATA: &str = "depthloom.once";
 /// The metadata record of a run that ended early.
 pub(crate) const ENDED_METADATA: &str = "depthloom.ended";
-/// The entry of that record in a file that `runs recover` wrote.
+/// The metadata record of a file with a window of a live run's frames.
+pub(crate) const WINDOW_METADATA: &str = "depthloom.window";
+/// The entry of the record of a run that ended early in a file that `runs recover` wrote.
 pub(crate) const RECOVERED: &str = "recovered";
 /// The entry of a channel with its topic in the plan, if that differs from the channel's own topic.
 pub(crate) const TOPIC_IN_PLAN: &str = "topic_in_plan";

@@ -50,11 +50,13 @@ pub enum Schema {
     FrameTransform,
     /// Points of a depth.
     PointCloud,
+    /// What closes a frame of a live run: as [`Schema::Commit`], which other recordings keep unchanged, and with `live`.
+    LiveCommit,
 }
 
 impl Schema {
     /// All of them.
-    pub const ALL: [Self; 9] = [
+    pub const ALL: [Self; 10] = [
         Self::CompressedImage,
         Self::RawImage,
         Self::CameraCalibration,
@@ -64,6 +66,7 @@ impl Schema {
         Self::FloatMap,
         Self::FrameTransform,
         Self::PointCloud,
+        Self::LiveCommit,
     ];
 
     /// Its id in every recording; zero is reserved by the format.
@@ -80,7 +83,7 @@ impl Schema {
             Self::RawImage => "foxglove.RawImage",
             Self::CameraCalibration => "foxglove.CameraCalibration",
             Self::Score => "depthloom.Score",
-            Self::Commit => "depthloom.Commit",
+            Self::Commit | Self::LiveCommit => "depthloom.Commit",
             Self::CurvePoint => "depthloom.CurvePoint",
             Self::FloatMap => "depthloom.FloatMap",
             Self::FrameTransform => "foxglove.FrameTransform",
@@ -88,7 +91,13 @@ impl Schema {
         }
     }
 
-    /// The schema of that name.
+    /// The schema with that id.
+    #[must_use]
+    pub fn with_id(id: u16) -> Option<Self> {
+        Self::ALL.into_iter().find(|schema| schema.id() == id)
+    }
+
+    /// The schema of that name; of commits, the one without `live`.
     #[must_use]
     pub fn named(name: &str) -> Option<Self> {
         Self::ALL.into_iter().find(|schema| schema.name() == name)
@@ -99,7 +108,12 @@ impl Schema {
     pub const fn is_small(self) -> bool {
         match self {
             Self::CompressedImage | Self::RawImage | Self::FloatMap | Self::PointCloud => false,
-            Self::CameraCalibration | Self::Score | Self::Commit | Self::CurvePoint | Self::FrameTransform => true,
+            Self::CameraCalibration
+            | Self::Score
+            | Self::Commit
+            | Self::LiveCommit
+            | Self::CurvePoint
+            | Self::FrameTransform => true,
         }
     }
 
@@ -112,7 +126,6 @@ impl Schema {
     }
 
     fn build(self) -> FileDescriptorSet {
-        let node = || field("node", 1, Type::Uint32);
         match self {
             Self::CompressedImage => foxglove_set::<CompressedImage>(),
             Self::RawImage => {
@@ -127,23 +140,8 @@ impl Schema {
             Self::FrameTransform => foxglove_set::<FrameTransform>(),
             Self::PointCloud => foxglove_set::<PointCloud>(),
             Self::Score => own_set("depthloom/Score.proto", vec![score()]),
-            Self::Commit => own_set(
-                "depthloom/Commit.proto",
-                vec![
-                    commit(),
-                    message("NodeKey", vec![node(), field("key", 2, Type::String)]),
-                    optional(message("Failure", vec![node(), field("what", 2, Type::String)]), "node"),
-                    optional(
-                        message(
-                            "Warning",
-                            vec![node(), field("what", 2, Type::String), field("count", 3, Type::Uint64)],
-                        ),
-                        "node",
-                    ),
-                    message("Absent", vec![repeated("ports", 1, "AbsentPort")]),
-                    optional(message("AbsentPort", vec![node(), field("port", 2, Type::Uint32)]), "node"),
-                ],
-            ),
+            Self::Commit => own_set("depthloom/Commit.proto", commit()),
+            Self::LiveCommit => own_set("depthloom/Commit.proto", live_commit()),
             Self::CurvePoint => own_set("depthloom/CurvePoint.proto", vec![curve_point()]),
             Self::FloatMap => own_set("depthloom/FloatMap.proto", vec![float_map(), instant()]),
         }
@@ -227,7 +225,9 @@ fn score() -> DescriptorProto {
     absent.fold(message("Score", fields), |message, field| optional(message, &field))
 }
 
-fn commit() -> DescriptorProto {
+/// The messages of a commit record.
+fn commit() -> Vec<DescriptorProto> {
+    let node = || field("node", 1, Type::Uint32);
     let fields = vec![
         field("run", 1, Type::Uint32),
         field("frame", 2, Type::String),
@@ -239,7 +239,26 @@ fn commit() -> DescriptorProto {
         repeated("warnings", 8, "Warning"),
         nested("absent", 9, "Absent"),
     ];
-    message("Commit", fields)
+    vec![
+        message("Commit", fields),
+        message("NodeKey", vec![node(), field("key", 2, Type::String)]),
+        optional(message("Failure", vec![node(), field("what", 2, Type::String)]), "node"),
+        optional(
+            message("Warning", vec![node(), field("what", 2, Type::String), field("count", 3, Type::Uint64)]),
+            "node",
+        ),
+        message("Absent", vec![repeated("ports", 1, "AbsentPort")]),
+        optional(message("AbsentPort", vec![node(), field("port", 2, Type::Uint32)]), "node"),
+    ]
+}
+
+fn live_commit() -> Vec<DescriptorProto> {
+    let mut messages = commit();
+    messages[0].field.push(nested("live", 10, "Live"));
+    let counts = ["dropped_graph", "dropped_recording", "dropped_source", "latency_ns"];
+    let counts = counts.iter().zip(1..).map(|(name, number)| field(name, number, Type::Uint64));
+    messages.push(message("Live", counts.collect()));
+    messages
 }
 
 fn curve_point() -> DescriptorProto {

@@ -24,7 +24,7 @@ pub use book::mdbook;
 pub use chromium::chromium;
 pub use full::{full, is_full};
 pub use lichtblick::lichtblick;
-pub use python::{dora, onnx_runtime, packaging, python, python_package, system_python};
+pub use python::{dora, onnx_runtime, packaging, python, python_package, system_python, viewer_client};
 pub use rerun::{Rerun, rerun};
 pub use shared::shared;
 pub use skips::skipped;

@@ -60,6 +60,17 @@ pub fn dora(test: &str) -> Option<PathBuf> {
     get_or_create(test, &PYTHON, || environment("dora-tests", "requirements-dora.txt"))?.parent().map(Path::to_owned)
 }
 
+/// A Python in `target/viewer-tests` with a client of WebSockets and Foxglove's messages. `None` without Python or a
+/// package index: the test is then reported as skipped.
+///
+/// # Panics
+/// If it cannot be created and `DEPTHLOOM_REQUIRE_PYTHON` is set.
+#[must_use]
+pub fn viewer_client(test: &str) -> Option<PathBuf> {
+    static PYTHON: Shared<PathBuf> = OnceLock::new();
+    get_or_create(test, &PYTHON, || environment("viewer-tests", "requirements-viewer.txt"))
+}
+
 /// The Python of `target/packaging-tests`, with maturin and linters for the files of `packaging/`. `None` without
 /// Python or a package index: the test is then reported as skipped.
 ///

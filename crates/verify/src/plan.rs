@@ -14,7 +14,8 @@ use depthloom_graphs::ready::{Ready, ReadyRun};
 use depthloom_graphs::registry::{NodeKind, ParamError};
 use depthloom_graphs::{Rate, Registry, Value};
 use depthloom_recording::{
-    Condition, RecordedAggregate, RecordedContent, RecordedInput, RecordedNode, RecordedOutput, Recording,
+    Condition, RecordedAggregate, RecordedContent, RecordedInput, RecordedNode, RecordedOutput, RecordedWindow,
+    Recording,
 };
 
 use crate::guard::Failures;
@@ -257,6 +258,18 @@ impl<'a> Builder<'a> {
         if signature.contract == Contract::Ordered && self.recording.plan().every > 1 {
             let every = self.recording.plan().every;
             return Err(format!("it reads every frame, but the recording has the values of only one in {every}"));
+        }
+        if signature.contract != Contract::Pure
+            && let Some(RecordedWindow { run, first }) = self.recording.window()
+        {
+            if node.run != run {
+                return Err("it reads the frames of its stage, which are not in the recording".to_owned());
+            }
+            if first.0 > 0 {
+                return Err(format!(
+                    "it reads every frame, but the recording starts with the frame at position {first}"
+                ));
+            }
         }
         for input in &recorded.inputs {
             self.feed(node, input).map_err(|why| format!("input `{}` {why}", input.port))?;

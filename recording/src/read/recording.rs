@@ -6,7 +6,7 @@ use std::path::Path;
 use std::sync::{Arc, OnceLock};
 
 use depthloom_graphs::Key;
-use depthloom_graphs::contracts::{Failure, NodeWarning, Slot, SlotKey};
+use depthloom_graphs::contracts::{Drops, Failure, LiveCommit, NodeWarning, Slot, SlotKey};
 use depthloom_graphs::plan::{FrameIndex, NodeId, PortId, RunId};
 use prost::Message;
 
@@ -20,7 +20,7 @@ use crate::read::damaged_content::DamagedContent;
 use crate::read::index::{ChunkEntry, Index, MetadataEntry};
 use crate::read::recovery_scan::{Scanned, scan};
 use crate::write::file_writer::LIBRARY;
-use crate::{ENDED_METADATA, PLAN_METADATA, RECOVERED};
+use crate::{ENDED_METADATA, PLAN_METADATA, RECOVERED, WINDOW_METADATA};
 use depthloom_mcap::records::{Header, Metadata};
 use depthloom_mcap::{FileError, MAGIC_LENGTH, PositionedFile, RecordPlace, Window, begins_as_mcap, op, read_all};
 
@@ -43,8 +43,28 @@ pub struct RecordedFrame {
     pub warnings: Vec<NodeWarning>,
     /// The outputs without a value although their source or node ran; `None` if the recording does not state them.
     pub absent: Option<Vec<Slot>>,
+    /// Its drops and latency, of a live run.
+    pub live: Option<LiveCommit>,
     pub(crate) chunks: Range<usize>,
     pub(crate) commit: usize,
+}
+
+/// The frames of a recording that a ring wrote: only those of one stage run, from a position on.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct RecordedWindow {
+    /// The stage run.
+    pub run: RunId,
+    /// The position in the stage run of the first frame that was recorded.
+    pub first: FrameIndex,
+}
+
+/// The frames of the live runs of a recording.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct LiveTotals {
+    /// The frames that were recorded.
+    pub frames: u64,
+    /// The frames that were dropped before or between these.
+    pub dropped: Drops,
 }
 
 /// An aggregate value, and where its content is.
@@ -183,6 +203,24 @@ impl Recording {
     #[must_use]
     pub fn frames(&self, run: RunId) -> &[RecordedFrame] {
         self.frames.get(run.0).map_or(&[], Vec::as_slice)
+    }
+
+    /// Which frames a ring recorded; `None` if the recording is not that of a ring.
+    #[must_use]
+    pub fn window(&self) -> Option<RecordedWindow> {
+        let entry = self.index.metadata.iter().find(|metadata| metadata.name == WINDOW_METADATA)?;
+        let number = |name: &str| entry.values.get(name)?.parse::<usize>().ok();
+        Some(RecordedWindow { run: RunId(number("run")?), first: FrameIndex(number("first")?) })
+    }
+
+    /// The frames of live runs, and the frames that these dropped; `None` without such frames. Frames dropped after the
+    /// last one are not counted.
+    #[must_use]
+    pub fn live_totals(&self) -> Option<LiveTotals> {
+        let live: Vec<LiveCommit> = self.frames.iter().flatten().filter_map(|frame| frame.live).collect();
+        let mut dropped = Drops::default();
+        live.iter().for_each(|live| dropped += live.drops);
+        (!live.is_empty()).then_some(LiveTotals { frames: live.len() as u64, dropped })
     }
 
     /// The aggregate values; [`Recording::aggregate_value`] reads one.
@@ -338,6 +376,7 @@ fn committed(
         failures: commit_message.failures(),
         warnings: commit_message.warnings(),
         absent: commit_message.absent(),
+        live: commit_message.live(),
         chunks,
         commit,
     };

@@ -407,9 +407,9 @@ impl Scan<'_> {
 
 /// Whether a schema has the id that belongs to its name. A damaged schema would hide all commits after it.
 fn is_consistent(id: u16, name: &str) -> bool {
-    match Schema::named(name) {
-        Some(schema) => schema.id() == id,
-        None => Schema::ALL.iter().all(|schema| schema.id() != id),
+    match Schema::with_id(id) {
+        Some(schema) => schema.name() == name,
+        None => Schema::named(name).is_none(),
     }
 }
 

@@ -10,7 +10,7 @@ use crate::read::index::ChunkEntry;
 use crate::read::recording::{Recording, StoredValues};
 use crate::reuse::earlier_runs::{EarlierRun, EarlierRuns};
 use crate::write::layout::{ChannelLayout, PortLayout, RunLayout};
-use crate::write::part::{PartBuilder, Unkept};
+use crate::write::part::{Messages as _, PartBuilder, Unkept};
 
 pub(crate) struct CopyTarget<'a> {
     pub(crate) layout: &'a RunLayout,

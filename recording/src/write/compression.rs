@@ -11,7 +11,7 @@ use depthloom_graphs::values::{Pixels, Raster};
 use depthloom_graphs::{Frame, Value};
 
 use crate::write::layout::PortLayout;
-use crate::write::part::{Packing, PartBuilder, Unkept};
+use crate::write::part::{Messages, Packing, Unkept};
 
 /// An image is compressed if a sample of it shrinks to less than this share: otherwise compression takes more time than
 /// it saves in writing.
@@ -31,7 +31,7 @@ const WINDOW: usize = 4096;
 
 /// Adds a value of a port to a part: rasters in separate chunks, compressed if that pays.
 pub(crate) fn put_port_value(
-    part: &mut PartBuilder<'_>,
+    part: &mut impl Messages,
     frame: &Frame,
     port: &PortLayout,
     value: &Value,
@@ -90,7 +90,7 @@ pub(crate) fn put_port_value(
 }
 
 /// Adds a map of floats to a part, compressed directly or packed.
-fn put_floats(part: &mut PartBuilder<'_>, channel: u16, stamp: Stamp<'_>, map: &Raster<f32>) -> Result<(), Unkept> {
+fn put_floats(part: &mut impl Messages, channel: u16, stamp: Stamp<'_>, map: &Raster<f32>) -> Result<(), Unkept> {
     let (size, is_sparse) = (4 * map.len(), measured(map, encode::put_floats)? < SHRINKS_AS_IT_IS);
     let put = |out: &mut Vec<u8>, floats: &Floats<'_>| put_float_map(out, stamp, map.dimensions(), floats);
     if is_sparse {

@@ -57,7 +57,16 @@ impl Writer {
     ) -> Result<Self, RecordingError> {
         let file = depthloom_durable::create_in_place(path)
             .map_err(|source| RecordingError::Create { path: path.to_owned(), source })?;
-        let mut writer = Self::new(path, through(file), channels);
+        Self::begin(path, channels, through(file))
+    }
+
+    /// Writes the start of a recording to its empty file.
+    pub(crate) fn begin(
+        path: &Path,
+        channels: Vec<ChannelLayout>,
+        file: Arc<dyn Disk>,
+    ) -> Result<Self, RecordingError> {
+        let mut writer = Self::new(path, file, channels);
         let mut start = MAGIC.to_vec();
         put(&mut start, &Header { profile: String::new(), library: LIBRARY.to_owned() });
         writer.append(&start)?;
@@ -216,6 +225,11 @@ impl Writer {
         self.sync()?;
         self.closed = Some("it is finished");
         Ok((self.position, self.counts.clone()))
+    }
+
+    /// Replaces the schema of a channel that is not written yet.
+    pub(crate) fn set_schema(&mut self, channel: u16, schema: Schema) {
+        self.channels[usize::from(channel) - 1].schema = schema;
     }
 
     /// Appends the channels, and their schemas, that are not written yet.

@@ -13,7 +13,7 @@ use depthloom_graphs::{Frame, Rate, Value, ValueType};
 use crate::TOPIC_IN_PLAN;
 use crate::error::RecordingError;
 use crate::plan::RecordedPlan;
-use crate::write::part::{PartBuilder, Unkept};
+use crate::write::part::{Messages, Unkept};
 use crate::write::viewer::{Camera, Companion, Pose, picture_topic, points_of, points_topic, topic_shown};
 use depthloom_codecs::encode::Stamp;
 use depthloom_codecs::schema::Schema;
@@ -86,7 +86,7 @@ impl CompanionLayout {
     /// Adds the companion message of a value to a part.
     pub(crate) fn put(
         &self,
-        part: &mut PartBuilder<'_>,
+        part: &mut impl Messages,
         frame: &Frame,
         value: &Value,
         others: &[(Slot, Value)],

@@ -59,6 +59,21 @@ pub(crate) enum Unkept {
     Compression(std::io::Error),
 }
 
+/// Takes the messages of a frame's values.
+pub(crate) trait Messages {
+    /// Adds a small message, which shares a chunk with others.
+    fn small(&mut self, channel: u16, data: &[u8]) -> Result<(), Unkept>;
+
+    /// Adds a message with its own chunk; `size` is about the number of bytes that `data` appends.
+    fn alone(
+        &mut self,
+        channel: u16,
+        packing: Packing,
+        size: usize,
+        data: impl FnOnce(&mut Vec<u8>),
+    ) -> Result<(), Unkept>;
+}
+
 /// A message in the records of a chunk.
 #[derive(Clone, Copy)]
 struct Placed {
@@ -89,69 +104,6 @@ impl<'a> PartBuilder<'a> {
         let (bytes, crc) = (pools.bytes.take(), Hasher::new());
         let part = Part { bytes, crc, chunks: Vec::new(), messages: Vec::new(), compress_ns: 0 };
         Self { frame, pools, part, shared: Vec::new(), placed: Vec::new(), largest: LARGEST_CHUNK }
-    }
-
-    /// Adds a small message, which shares a chunk with others.
-    pub(crate) fn small(&mut self, channel: u16, data: &[u8]) -> Result<(), Unkept> {
-        let time_ns = self.frame.time_ns;
-        let start = self.shared.len();
-        put_message(&mut self.shared, channel, self.frame.index as u32, time_ns, |out| out.extend_from_slice(data));
-        let bytes = (self.shared.len() - start) as u64;
-        if bytes > self.largest {
-            return Err(Unkept::TooLarge { channel, bytes });
-        }
-        self.part.messages.push(channel);
-        let mut offset = start as u64;
-        if self.shared.len() as u64 > self.largest {
-            let message = self.shared.split_off(start);
-            self.close_shared();
-            self.shared = message;
-            offset = 0;
-        }
-        self.placed.push(Placed { channel, time_ns, offset });
-        Ok(())
-    }
-
-    /// Adds a message with its own chunk; `size` is about the number of bytes that `data` appends.
-    pub(crate) fn alone(
-        &mut self,
-        channel: u16,
-        packing: Packing,
-        size: usize,
-        data: impl FnOnce(&mut Vec<u8>),
-    ) -> Result<(), Unkept> {
-        let (sequence, time_ns) = (self.frame.index as u32, self.frame.time_ns);
-        let (start, header) = (self.part.bytes.len(), header_length(packing.name()));
-        let records_start = start + header;
-        let (uncompressed_size, crc, plain) = match packing {
-            Packing::Plain => {
-                let bytes = &mut self.part.bytes;
-                bytes.reserve(header + size + FIELDS);
-                bytes.resize(records_start, 0);
-                put_message(bytes, channel, sequence, time_ns, data);
-                let mut crc = Hasher::new();
-                crc.update(&bytes[records_start..]);
-                ((bytes.len() - records_start) as u64, crc.clone().finalize(), Some(crc))
-            }
-            Packing::Compressed => {
-                let mut records = self.pools.records.take();
-                records.reserve(size + FIELDS);
-                put_message(&mut records, channel, sequence, time_ns, data);
-                if records.len() as u64 <= self.largest {
-                    self.part.compress(header, &records)?;
-                }
-                let known = (records.len() as u64, crc32fast::hash(&records));
-                self.pools.records.put(records);
-                (known.0, known.1, None)
-            }
-        };
-        if uncompressed_size > self.largest {
-            return Err(Unkept::TooLarge { channel, bytes: uncompressed_size });
-        }
-        self.part.messages.push(channel);
-        let message = Placed { channel, time_ns, offset: 0 };
-        self.part.close(start, packing, (uncompressed_size, crc), plain.as_ref(), &[message]);
-        Ok(())
     }
 
     /// Adds a chunk with one message, and its index, as stored in a recording by [`PartBuilder::alone`]. `crc` is the
@@ -197,7 +149,88 @@ impl<'a> PartBuilder<'a> {
     }
 }
 
+impl Messages for PartBuilder<'_> {
+    fn small(&mut self, channel: u16, data: &[u8]) -> Result<(), Unkept> {
+        let time_ns = self.frame.time_ns;
+        let start = self.shared.len();
+        put_message(&mut self.shared, channel, self.frame.index as u32, time_ns, |out| out.extend_from_slice(data));
+        let bytes = (self.shared.len() - start) as u64;
+        if bytes > self.largest {
+            return Err(Unkept::TooLarge { channel, bytes });
+        }
+        self.part.messages.push(channel);
+        let mut offset = start as u64;
+        if self.shared.len() as u64 > self.largest {
+            let message = self.shared.split_off(start);
+            self.close_shared();
+            self.shared = message;
+            offset = 0;
+        }
+        self.placed.push(Placed { channel, time_ns, offset });
+        Ok(())
+    }
+
+    fn alone(
+        &mut self,
+        channel: u16,
+        packing: Packing,
+        size: usize,
+        data: impl FnOnce(&mut Vec<u8>),
+    ) -> Result<(), Unkept> {
+        let (sequence, time_ns) = (self.frame.index as u32, self.frame.time_ns);
+        let (start, header) = (self.part.bytes.len(), header_length(packing.name()));
+        let records_start = start + header;
+        let (uncompressed_size, crc, plain) = match packing {
+            Packing::Plain => {
+                let bytes = &mut self.part.bytes;
+                bytes.reserve(header + size + FIELDS);
+                bytes.resize(records_start, 0);
+                put_message(bytes, channel, sequence, time_ns, data);
+                let mut crc = Hasher::new();
+                crc.update(&bytes[records_start..]);
+                ((bytes.len() - records_start) as u64, crc.clone().finalize(), Some(crc))
+            }
+            Packing::Compressed => {
+                let mut records = self.pools.records.take();
+                records.reserve(size + FIELDS);
+                put_message(&mut records, channel, sequence, time_ns, data);
+                if records.len() as u64 <= self.largest {
+                    self.part.compress(header, &records)?;
+                }
+                let known = (records.len() as u64, crc32fast::hash(&records));
+                self.pools.records.put(records);
+                (known.0, known.1, None)
+            }
+        };
+        if uncompressed_size > self.largest {
+            return Err(Unkept::TooLarge { channel, bytes: uncompressed_size });
+        }
+        self.part.messages.push(channel);
+        let message = Placed { channel, time_ns, offset: 0 };
+        self.part.close(start, packing, (uncompressed_size, crc), plain.as_ref(), &[message]);
+        Ok(())
+    }
+}
+
 impl Part {
+    /// Moves everything out, with a copy of the bytes that has no spare capacity. The buffer stays.
+    pub(crate) fn take_exact(&mut self) -> Self {
+        Self {
+            bytes: self.bytes.as_slice().to_vec(),
+            crc: self.crc.clone(),
+            chunks: std::mem::take(&mut self.chunks),
+            messages: std::mem::take(&mut self.messages),
+            compress_ns: self.compress_ns,
+        }
+    }
+
+    /// About the bytes that it takes in memory.
+    pub(crate) fn memory(&self) -> usize {
+        // The index of a chunk has a map with one entry or a few.
+        const CHUNK: usize = size_of::<ChunkIndex>() + 256;
+        size_of::<Self>() + self.bytes.len() + CHUNK * self.chunks.len() + 2 * self.messages.len()
+    }
+
     /// Appends space for a chunk's header, and compressed records.
     fn compress(&mut self, header: usize, records: &[u8]) -> Result<(), Unkept> {
         let records_start = self.bytes.len() + header;
@@ -322,7 +355,7 @@ mod tests {
     use depthloom_graphs::Frame;
     use depthloom_mcap::PositionedFile;
 
-    use super::{Packing, PartBuilder, Unkept};
+    use super::{Messages as _, Packing, PartBuilder, Unkept};
     use crate::read::chunk_messages::ChunkBuffers;
     use crate::read::index::ChunkEntry;
     use crate::write::buffer_pool::PartPools;

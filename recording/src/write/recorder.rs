@@ -4,30 +4,26 @@ use std::collections::{BTreeMap, BTreeSet};
 use std::path::{Path, PathBuf};
 use std::sync::{Arc, Mutex, MutexGuard};
 
-use depthloom_graphs::contracts::{Commit, ErrorMessage, NodeWarning, Sink, Slot, Store, StoredValue, stored_values};
+use depthloom_codecs::schema::Schema;
+use depthloom_graphs::contracts::{Commit, ErrorMessage, NodeWarning, Sink, Slot, Store, StoredValue};
 use depthloom_graphs::plan::{FrameIndex, NodeRef, PartId, Plan, PortId, RunId};
 use depthloom_graphs::values::{Artifact, Curve};
 use depthloom_graphs::{Frame, Key, Value};
-use prost::Message;
 
-use crate::commit_message::CommitMessage;
 use crate::error::RecordingError;
 use crate::plan::{RecordedPlan, json};
 use crate::read::curve::points_part;
-use crate::read::recording::Recording;
+use crate::read::recording::{RecordedWindow, Recording};
 use crate::reuse::earlier_runs::EarlierRuns;
-use crate::reuse::stored_bytes::{CopyTarget, StoredBytes};
 use crate::write::attachments::{Attachment, artifact_name, experiment_files};
-use crate::write::buffer_pool::PartPools;
-use crate::write::compression::put_port_value;
-use crate::write::disk::{WrapFile, itself};
+use crate::write::disk::{Disk, WrapFile, itself};
 use crate::write::file_writer::Writer;
-use crate::write::layout::{Class, FileLayout, PortLayout, RunLayout};
-use crate::write::part::{Part, PartBuilder, Unkept};
+use crate::write::layout::FileLayout;
+use crate::write::part::Part;
+use crate::write::part_encoder::{PartEncoder, too_large};
 use crate::write::resume::{Resumed, resume};
 use crate::write::viewer::{BEGINNING_NS, at_the_time_shown};
-use crate::{AGGREGATE_METADATA, ENDED_METADATA, FORMAT, LARGEST_CHUNK, PLAN_METADATA};
-use depthloom_codecs::decode::nothing_found;
+use crate::{AGGREGATE_METADATA, ENDED_METADATA, FORMAT, LARGEST_CHUNK, PLAN_METADATA, WINDOW_METADATA};
 use depthloom_threads::locked;
 
 /// Statistics of a finished recording.
@@ -58,12 +54,8 @@ pub struct Compression {
 /// After every frame, the file can be read up to that frame, even if the process is killed.
 pub struct Recorder {
     path: PathBuf,
-    layout: FileLayout,
-    every: u64,
-    /// By stage run and part; the commit records' pools come last.
-    pools: Vec<Vec<PartPools>>,
+    encoder: PartEncoder,
     state: Mutex<State>,
-    earlier: Option<Arc<EarlierRuns>>,
     /// Whether every frame waits for the disk.
     durable: bool,
     /// Frames by stage run, and aggregate values, that an earlier process wrote.
@@ -105,8 +97,19 @@ impl Recorder {
     ) -> Result<Self, RecordingError> {
         let path = path.into();
         let layout = FileLayout::new(plan)?;
+        let writer = Writer::create(&path, layout.channels.clone(), through)?;
+        Self::begin(path, plan, layout, writer)
+    }
+
+    /// As [`Recorder::create`], in an empty file that is open.
+    pub(crate) fn create_in(path: &Path, file: Arc<dyn Disk>, plan: &Plan) -> Result<Self, RecordingError> {
+        let layout = FileLayout::new(plan)?;
+        let writer = Writer::begin(path, layout.channels.clone(), file)?;
+        Self::begin(path.to_owned(), plan, layout, writer)
+    }
+
+    fn begin(path: PathBuf, plan: &Plan, layout: FileLayout, mut writer: Writer) -> Result<Self, RecordingError> {
         let recorded = RecordedPlan::from_plan(plan);
-        let mut writer = Writer::create(&path, layout.channels.clone(), through)?;
         let metadata = BTreeMap::from([
             ("format".to_owned(), FORMAT.to_owned()),
             ("plan".to_owned(), json(&recorded)),
@@ -145,14 +148,12 @@ impl Recorder {
     }
 
     fn new(path: PathBuf, plan: &Plan, layout: FileLayout, resumed: Resumed) -> Self {
-        let pools_of = |run: &RunLayout| (0..=run.parts).map(|_| PartPools::default()).collect();
-        let pools = layout.runs.iter().map(pools_of).collect();
         let compress_ns = layout.runs.iter().map(|run| vec![0; run.parts]).collect();
         let Resumed { writer, frames: written, once, artifacts, first_ns, warnings } = resumed;
         let frames = written.iter().sum::<usize>() as u64;
         let state = Mutex::new(State { writer, frames, artifacts, committed: written.clone(), first_ns, compress_ns });
-        let every = plan.record.every.max(1);
-        Self { path, layout, every, pools, state, earlier: None, durable: false, written, once, warnings }
+        let encoder = PartEncoder::new(path.clone(), layout, plan.record.every);
+        Self { path, encoder, state, durable: false, written, once, warnings }
     }
 
     /// Waits for the disk after every frame.
@@ -169,8 +170,9 @@ impl Recorder {
 
     /// Reuses values of earlier runs.
     #[must_use]
-    pub fn with_earlier(self, earlier: Arc<EarlierRuns>) -> Self {
-        Self { earlier: Some(earlier).filter(|earlier| !earlier.is_empty()), ..self }
+    pub fn with_earlier(mut self, earlier: Arc<EarlierRuns>) -> Self {
+        self.encoder.set_earlier(earlier);
+        self
     }
 
     /// The file being written.
@@ -186,7 +188,7 @@ impl Recorder {
     #[must_use]
     pub fn compression(&self, run: RunId) -> Vec<Compression> {
         let state = self.state();
-        let spent = self.layout.runs[run].classes.iter().zip(&state.compress_ns[run]);
+        let spent = self.encoder.layout.runs[run].classes.iter().zip(&state.compress_ns[run]);
         spent.map(|(class, cpu_ns)| Compression { class: class.name(), cpu_ns: *cpu_ns }).collect()
     }
 
@@ -218,50 +220,42 @@ impl Recorder {
         locked(&self.state)
     }
 
-    /// Adds a value to a part, if it is recorded on this frame.
-    fn add(
-        &self,
-        part: &mut PartBuilder<'_>,
-        run: RunId,
-        (position, frame): (FrameIndex, &Frame),
-        (slot, value): (Slot, &Value),
-        others: &[(Slot, Value)],
-    ) -> Result<(), ErrorMessage> {
-        let Some(port) = self.layout.runs[run].port(slot) else { return Ok(()) };
-        let refused = match value {
-            Value::Samples(_) | Value::Model(_) | Value::Reliability(_) | Value::Curve(_) => {
-                Some(format!("a value of type {} came with a frame", value.value_type()))
-            }
-            Value::Disparity(disparity) if nothing_found(disparity.min_disparity_px).is_none() => {
-                Some(format!("disparities from {} px on do not fit into 16 bits", disparity.min_disparity_px))
-            }
-            _ => None,
-        };
-        if let Some(what) = refused {
-            let (frame, topic) = (frame.id.to_string(), port.topic.to_string());
-            return Err(RecordingError::Value { frame, topic, what }.into());
-        }
-        if self.keeps(run, slot, position) {
-            let put = put_port_value(part, frame, port, value);
-            let put = put.and_then(|()| {
-                port.companions.iter().try_for_each(|companion| companion.put(part, frame, value, others))
-            });
-            put.map_err(|why| self.unkept(frame, why))?;
-        }
-        Ok(())
+    /// States that the file has only frames of one stage run, from a position on.
+    pub(crate) fn record_window(&self, window: RecordedWindow) -> Result<(), RecordingError> {
+        let entries = [("run", window.run.0), ("first", window.first.0)];
+        let entries = entries.map(|(name, number)| (name.to_owned(), number.to_string()));
+        self.state().writer.metadata(WINDOW_METADATA, entries.into())
     }
 
-    fn unkept(&self, frame: &Frame, why: Unkept) -> ErrorMessage {
-        match why {
-            Unkept::TooLarge { channel, bytes } => {
-                let topic = self.layout.channels[usize::from(channel) - 1].topic.clone();
-                RecordingError::Value { frame: frame.id.to_string(), topic, what: too_large(bytes) }.into()
-            }
-            Unkept::Compression(error) => {
-                let what = format!("failed to compress frame {} for {}", frame.id, self.path.display());
-                ErrorMessage::new(what).because(error)
-            }
+    /// Appends a frame: its parts, then its commit record. `position` is the frame's position in its stage run; `None`
+    /// after the frames that were appended before.
+    pub(crate) fn append(
+        &self,
+        commit: &Commit<'_>,
+        position: Option<FrameIndex>,
+        parts: &[Part],
+    ) -> Result<(), ErrorMessage> {
+        let mut state = self.state();
+        for (spent, part) in state.compress_ns[commit.run].iter_mut().zip(parts) {
+            *spent += part.compress_ns;
         }
+        parts.iter().try_for_each(|part| state.writer.part(part))?;
+        let channel = self.encoder.layout.runs[commit.run].commit_channel;
+        if commit.live.is_some() {
+            state.writer.set_schema(channel, Schema::LiveCommit);
+        }
+        // All frames of a stage run are committed, in order.
+        let position = position.unwrap_or(FrameIndex(state.committed[commit.run]));
+        let frame = at_the_time_shown(position, commit.frame);
+        let closing = state.writer.closing_part(channel, |crc| self.encoder.commit_part(commit, &frame, crc))?;
+        self.encoder.recycle_commit(commit.run, closing);
+        if self.durable {
+            state.writer.sync()?;
+        }
+        state.frames += 1;
+        state.committed[commit.run] += 1;
+        state.first_ns[commit.run].get_or_insert(frame.time_ns);
+        Ok(())
     }
 }
 
@@ -269,77 +263,36 @@ impl Sink for Recorder {
     type Part = Part;
 
     fn parts(&self, run: RunId) -> usize {
-        self.layout.runs[run].parts
+        self.encoder.parts(run)
     }
 
     fn part(&self, run: RunId, slot: Slot) -> Option<PartId> {
-        Some(self.layout.runs[run].port(slot)?.part)
+        self.encoder.part(run, slot)
     }
 
     fn encode(
         &self,
         run: RunId,
-        (position, frame): (FrameIndex, &Frame),
+        frame: (FrameIndex, &Frame),
         part: PartId,
         values: &[(Slot, Value)],
     ) -> Result<Part, ErrorMessage> {
-        let frame = &at_the_time_shown(position, frame);
-        let mut builder = PartBuilder::new(frame, &self.pools[run][part]);
-        for (slot, value) in values {
-            self.add(&mut builder, run, (position, frame), (*slot, value), values)?;
-        }
-        Ok(builder.finish())
+        self.encoder.encode(run, frame, part, values)
     }
 
     fn encode_stored(
         &self,
         run: RunId,
-        (position, frame): (FrameIndex, &Frame),
+        frame: (FrameIndex, &Frame),
         part: PartId,
         values: &[(Slot, Value)],
         stored: &[StoredValue<'_>],
     ) -> Result<Part, ErrorMessage> {
-        let frame = &at_the_time_shown(position, frame);
-        let target = CopyTarget { layout: &self.layout.runs[run], channels: &self.layout.channels, frame, stored };
-        let recorded = stored.iter().filter(|stored| self.keeps(run, stored.slot, position));
-        let found = recorded
-            .map(|stored| (stored, self.earlier.as_ref().and_then(|earlier| earlier.stored_bytes(&target, stored))));
-        let (copied, others): (Vec<_>, Vec<_>) = found.partition(|(_, bytes)| bytes.is_some());
-        let others = match &self.earlier {
-            Some(earlier) => stored_values(earlier.as_ref(), others.into_iter().map(|(stored, _)| stored))?,
-            None => Vec::new(),
-        };
-        // The inputs of points are needed as values, also if they are stored.
-        let made = values.iter().chain(&others).filter_map(|(slot, _)| self.layout.runs[run].port(*slot));
-        let needed: BTreeSet<Slot> = made.flat_map(PortLayout::needed).collect();
-        let mut inputs: Vec<(Slot, Value)> =
-            values.iter().chain(&others).filter(|(slot, _)| needed.contains(slot)).cloned().collect();
-        if let Some(earlier) = &self.earlier {
-            let missing = copied.iter().map(|(stored, _)| *stored).filter(|stored| needed.contains(&stored.slot));
-            inputs.extend(stored_values(earlier.as_ref(), missing)?);
-        }
-        // In plan order, which is the order of slots.
-        let mut all: Vec<(Slot, Content<'_>)> =
-            values.iter().chain(&others).map(|(slot, value)| (*slot, Content::Value(value))).collect();
-        all.extend(
-            copied.into_iter().filter_map(|(stored, bytes)| Some((stored.slot, Content::Stored(stored.key, bytes?)))),
-        );
-        all.sort_by_key(|(slot, _)| *slot);
-        let mut builder = PartBuilder::new(frame, &self.pools[run][part]);
-        for (slot, content) in all {
-            match content {
-                Content::Value(value) => self.add(&mut builder, run, (position, frame), (slot, value), &inputs)?,
-                Content::Stored(key, bytes) => {
-                    bytes.copy(&key, &mut builder)?.map_err(|why| self.unkept(frame, why))?;
-                }
-            }
-        }
-        Ok(builder.finish())
+        self.encoder.encode_stored(run, frame, part, values, stored)
     }
 
     fn keeps(&self, run: RunId, slot: Slot, position: FrameIndex) -> bool {
-        let port = self.layout.runs[run].port(slot);
-        port.is_some_and(|port| (position.0 as u64).is_multiple_of(self.every) || port.class == Class::Rows)
+        self.encoder.keeps(run, slot, position)
     }
 
     fn written(&self, run: RunId) -> usize {
@@ -358,37 +311,12 @@ impl Sink for Recorder {
     }
 
     fn store(&self) -> Option<&dyn Store> {
-        self.earlier.as_deref().map(|earlier| earlier as &dyn Store)
+        self.encoder.store()
     }
 
     fn write(&self, commit: &Commit<'_>, parts: Vec<Part>) -> Result<(), ErrorMessage> {
-        let layout = &self.layout.runs[commit.run];
-        let pools = &self.pools[commit.run];
-        let mut state = self.state();
-        for (spent, part) in state.compress_ns[commit.run].iter_mut().zip(&parts) {
-            *spent += part.compress_ns;
-        }
-        for (part, pools) in parts.into_iter().zip(pools) {
-            state.writer.part(&part)?;
-            pools.bytes.put(part.bytes);
-        }
-        let pools = &pools[layout.parts];
-        // All frames of a stage run are committed, in order.
-        let frame = at_the_time_shown(FrameIndex(state.committed[commit.run]), commit.frame);
-        let closing = |crc32_before| {
-            let message = CommitMessage::new(commit, crc32_before).encode_to_vec();
-            let mut closing = PartBuilder::new(&frame, pools);
-            closing.small(layout.commit_channel, &message).expect("a commit record is small");
-            closing.finish()
-        };
-        let closing = state.writer.closing_part(layout.commit_channel, closing)?;
-        pools.bytes.put(closing.bytes);
-        if self.durable {
-            state.writer.sync()?;
-        }
-        state.frames += 1;
-        state.committed[commit.run] += 1;
-        state.first_ns[commit.run].get_or_insert(frame.time_ns);
+        self.append(commit, None, &parts)?;
+        self.encoder.recycle(commit.run, parts);
         Ok(())
     }
 
@@ -409,10 +337,10 @@ impl Sink for Recorder {
                 state.keep_artifact(artifact)
             }
             Value::Curve(curve) => {
-                let channel = self.layout.runs[run]
+                let channel = self.encoder.layout.runs[run]
                     .curve_channel(slot)
                     .ok_or_else(|| ErrorMessage::new("a learning curve of a port that is not recorded"))?;
-                state.keep_curve(run, channel, &self.layout.channels[usize::from(channel) - 1].topic, curve)
+                state.keep_curve(run, channel, &self.encoder.layout.channels[usize::from(channel) - 1].topic, curve)
             }
             other => {
                 let what = format!("an aggregate value of type {} cannot be recorded", other.value_type());
@@ -434,15 +362,9 @@ impl Sink for Recorder {
             entries.into_iter().chain(content).chain(warnings).map(|(name, text)| (name.to_owned(), text)).collect();
         // Content before this record counts as an aggregate value only once this record names it: this commits it. It
         // may be the result of hours.
-        let name = format!("{AGGREGATE_METADATA}{}", self.layout.runs[run].aggregate_topic(slot));
+        let name = format!("{AGGREGATE_METADATA}{}", self.encoder.layout.runs[run].aggregate_topic(slot));
         state.writer.metadata(&name, metadata).and_then(|()| state.writer.sync()).map_err(ErrorMessage::from)
     }
-}
-
-/// A value of a part: in memory, or as stored bytes of an earlier run.
-enum Content<'a> {
-    Value(&'a Value),
-    Stored(Key, StoredBytes<'a>),
 }
 
 /// The entries of an aggregate value's record that state where its content is.
@@ -481,8 +403,4 @@ impl State {
         self.writer.part(&points)?;
         Ok(vec![("topic", topic.to_owned()), ("messages", curve.points.len().to_string())])
     }
-}
-
-fn too_large(bytes: u64) -> String {
-    format!("{bytes} bytes are more than the {LARGEST_CHUNK} that a recording can store as one message")
 }

@@ -295,8 +295,8 @@ impl Writer {
                 op::MESSAGE_INDEX => chunk = chunk.map(|(start, _)| (start, next)),
                 op::SCHEMA => {
                     let schema = window.at(body, length)?.and_then(read::<SchemaHeader>);
-                    let (SchemaHeader { name, .. }, _) = schema.ok_or_else(damaged)?;
-                    self.schemas_written.push(Schema::named(&name).ok_or_else(damaged)?);
+                    let (SchemaHeader { id, .. }, _) = schema.ok_or_else(damaged)?;
+                    self.schemas_written.push(Schema::with_id(id).ok_or_else(damaged)?);
                     self.counts.schema_count += 1;
                     self.schema_records.extend_from_slice(window.at(at, next - at)?.unwrap_or_default());
                 }

@@ -4,7 +4,7 @@
 //! folder of topics. Rerun refuses a coordinate frame that two topics define, so each camera of each stage run has its
 //! own frame.
 
-use crate::write::part::{Packing, PartBuilder, Unkept};
+use crate::write::part::{Messages, Packing, Unkept};
 use depthloom_codecs::encode::{Stamp, put_camera, put_compressed_image, put_points, put_transform};
 use depthloom_codecs::files::Cloud;
 use depthloom_codecs::picture::{picture, reduced};
@@ -179,7 +179,7 @@ impl Companion {
     /// Adds the message of a value to a part; a map without pixels has no preview.
     pub(crate) fn put(
         &self,
-        part: &mut PartBuilder<'_>,
+        part: &mut impl Messages,
         (channel, stamp): (u16, Stamp<'_>),
         value: &Value,
         others: &[(Slot, Value)],

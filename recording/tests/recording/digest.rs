@@ -96,7 +96,7 @@ impl Topic {
             Schema::CompressedImage => self.take_image(schema, message, 2),
             Schema::CameraCalibration => self.take_calibration(message),
             Schema::Score => self.take_score(message),
-            Schema::Commit => self.take_commit(message),
+            Schema::Commit | Schema::LiveCommit => self.take_commit(message),
             Schema::CurvePoint => self.take_curve_point(message),
             Schema::FloatMap => self.take_floats(message),
             Schema::FrameTransform => self.take_transform(message),

@@ -4,7 +4,7 @@
 use std::path::Path;
 use std::sync::Arc;
 
-use depthloom_graphs::contracts::{Commit, Contract, Failure, Sink, Slot, SlotKey};
+use depthloom_graphs::contracts::{Commit, Contract, Failure, LiveCommit, Sink, Slot, SlotKey};
 use depthloom_graphs::plan::{
     Estimate, FrameIndex, NodeId, Origin, PartId, Plan, PlannedInput, PlannedNode, PlannedOutput, PlannedSource,
     PortId, Record, RunId, SourcePart, StageRun, VariantId,
@@ -282,12 +282,24 @@ pub(crate) fn record_frame_at(
     values: &[(Slot, Value)],
     backwards: bool,
 ) {
+    record_live_frame(recorder, run, (position, frame), values, backwards, None);
+}
+
+/// As [`record_frame_at`], with what a live run knows of the frame, and in any sink.
+pub(crate) fn record_live_frame<S: Sink>(
+    recorder: &S,
+    run: RunId,
+    (position, frame): (usize, &Frame),
+    values: &[(Slot, Value)],
+    backwards: bool,
+    live: Option<LiveCommit>,
+) {
     let parts = recorder.parts(run);
     let mut order: Vec<usize> = (0..parts).collect();
     if backwards {
         order.reverse();
     }
-    let mut encoded: Vec<Option<<Recorder as Sink>::Part>> = (0..parts).map(|_| None).collect();
+    let mut encoded: Vec<Option<S::Part>> = (0..parts).map(|_| None).collect();
     for part in order {
         let of_part: Vec<_> =
             values.iter().filter(|(slot, _)| recorder.part(run, *slot) == Some(PartId(part))).cloned().collect();
@@ -303,8 +315,7 @@ pub(crate) fn record_frame_at(
         _ => Vec::new(),
     };
     let source_key = Some(Key::build("source").number(frame.index).finish());
-    let commit =
-        Commit { run, frame, source_key, keys: &keys, failures: &failures, absent: &[], warnings: &[], live: None };
+    let commit = Commit { run, frame, source_key, keys: &keys, failures: &failures, absent: &[], warnings: &[], live };
     recorder.write(&commit, encoded.into_iter().map(Option::unwrap).collect()).unwrap();
 }
 
@@ -330,7 +341,7 @@ pub(crate) fn curve() -> Curve {
 }
 
 /// Records the aggregate values of a stage run.
-pub(crate) fn record_aggregate_values(recorder: &Recorder, run: RunId) {
+pub(crate) fn record_aggregate_values(recorder: &impl Sink, run: RunId) {
     let key = Key::of_content(b"train");
     recorder.once(run, Slot::Node { node: NodeId(5), port: PortId(0) }, &key, &model(), &[]).unwrap();
     recorder.once(run, Slot::Node { node: NodeId(5), port: PortId(1) }, &key, &curve().into(), &[]).unwrap();

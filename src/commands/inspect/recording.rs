@@ -5,9 +5,9 @@ use std::collections::{BTreeMap, BTreeSet};
 use std::path::Path;
 
 use depthloom_analysis::{StageFrames, variant_of};
-use depthloom_graphs::contracts::{Slot, SlotKey};
+use depthloom_graphs::contracts::{Drops, Slot, SlotKey};
 use depthloom_graphs::{Key, counted};
-use depthloom_recording::{Condition, Damage as RecordedDamage, Recording, TopicSize};
+use depthloom_recording::{Condition, Damage as RecordedDamage, LiveTotals, Recording, TopicSize};
 use depthloom_runs::{open, read_failed};
 use depthloom_terminal::{CliError, ExitCode, aligned, print, size};
 use schemars::JsonSchema;
@@ -38,6 +38,9 @@ pub(crate) struct Info {
     experiment: String,
     variants: Vec<String>,
     stages: Vec<StageFrames>,
+    /// Only of a live run.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    live: Option<Live>,
     topics: Vec<Topic>,
     attachments: Vec<Attachment>,
     damage: Vec<Damage>,
@@ -46,6 +49,26 @@ pub(crate) struct Info {
     keys: Option<Vec<ValueKey>>,
     #[serde(skip_serializing_if = "Option::is_none")]
     error: Option<Error>,
+}
+
+/// The frames of a live run.
+#[derive(JsonSchema, Serialize)]
+pub(crate) struct Live {
+    /// The frames that were recorded.
+    frames: u64,
+    /// The frames that were dropped, by cause.
+    dropped: LiveDrops,
+}
+
+/// Dropped frames by cause.
+#[derive(JsonSchema, Serialize)]
+pub(crate) struct LiveDrops {
+    /// The nodes could not keep up.
+    graph: u64,
+    /// The recording could not keep up.
+    recording: u64,
+    /// The source lost them.
+    source: u64,
 }
 
 /// A topic.
@@ -182,7 +205,11 @@ fn text(recording: &Recording, topics: &[Topic], damage: &[RecordedDamage], args
     let stages = RunId::enumerate(&plan.runs)
         .map(|(run, planned)| format!("{} {}", planned.name(), counted(recording.frames(run).len(), "frame")));
     let variants = counted(plan.variants.len(), "variant");
-    text += &format!("experiment {}, {variants}: {}\n\n", plan.experiment, stages.collect::<Vec<_>>().join(", "));
+    text += &format!("experiment {}, {variants}: {}\n", plan.experiment, stages.collect::<Vec<_>>().join(", "));
+    if let Some(live) = recording.live_totals() {
+        text += &live_line(live);
+    }
+    text.push('\n');
 
     let head = ["topic", "type", "messages", "raw", "stored", "ratio", "keys", "node hash"];
     let mut rows = vec![head.map(str::to_owned)];
@@ -217,6 +244,12 @@ fn text(recording: &Recording, topics: &[Topic], damage: &[RecordedDamage], args
         text += &format!("\n{}", aligned(&rows, &[]));
     }
     text
+}
+
+/// The frames of a live run, and its dropped frames by cause.
+fn live_line(LiveTotals { frames, dropped }: LiveTotals) -> String {
+    let causes = dropped.by_cause().map(|(cause, count)| format!("{cause} {count}")).join(", ");
+    format!("live: {}, {} dropped ({causes})\n", counted(frames, "frame"), dropped.total())
 }
 
 fn row(entry: &Topic, keys: String, node_hash: String) -> [String; 8] {
@@ -296,6 +329,10 @@ fn output(recording: &Recording, topics: Vec<Topic>, damage: &[RecordedDamage], 
         experiment: plan.experiment.clone(),
         variants: plan.variants.clone(),
         stages: StageFrames::all(recording),
+        live: recording.live_totals().map(|LiveTotals { frames, dropped: Drops { graph, recording, source } }| Live {
+            frames,
+            dropped: LiveDrops { graph, recording, source },
+        }),
         topics,
         attachments: attachments.collect(),
         damage: damage.iter().map(place).collect(),
