@@ -43,7 +43,7 @@ pub(crate) use experiment::{CheckArgs, ExecArgs, ExperimentArgs, GraphArgs, Grap
 pub(crate) use export::{ColoursOption, ExportArgs};
 pub(crate) use figure::{FigureArgs, FigureFormat};
 pub(crate) use inspect::InspectArgs;
-pub(crate) use live::{Cores, LimitArgs, LiveArgs};
+pub(crate) use live::{Cores, LimitArgs, LiveArgs, TriggerSignal};
 pub(crate) use recording::VerifyArgs;
 pub(crate) use run::{AuditMode, PageArgs, ReportArgs, RunArgs};
 pub(crate) use runs::{

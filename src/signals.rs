@@ -7,6 +7,8 @@
 use depthloom_runner::Interrupt;
 use depthloom_terminal::{CliError, ExitCode, say};
 
+use crate::args::TriggerSignal;
+
 /// Listens for signals from now on; before, they end the process. `stopping` is the message for the first one.
 pub(crate) fn listen(stopping: &'static str) -> Result<Interrupt, CliError> {
     let interrupt = Interrupt::default();
@@ -15,6 +17,12 @@ pub(crate) fn listen(stopping: &'static str) -> Result<Interrupt, CliError> {
             .remedy("raise the limits of threads and open files (`ulimit -u`, `ulimit -n`)")
     })?;
     Ok(interrupt)
+}
+
+/// Calls `trigger` whenever the signal arrives, from now on; before, it ends the process.
+pub(crate) fn on(signal: TriggerSignal, trigger: impl Fn() + Send + 'static) -> Result<(), CliError> {
+    system::on(signal, trigger)
+        .map_err(|error| CliError::because(ExitCode::Engine, "failed to listen for the signal of --on", &error))
 }
 
 /// Lets a write beyond the limit of file sizes (`ulimit -f`) fail as one on a full disk does; by default it kills the
@@ -45,7 +53,9 @@ mod system {
     use std::sync::Arc;
 
     use depthloom_runner::Interrupt;
-    use signal_hook::consts::{SIGHUP, SIGINT, SIGTERM, SIGXFSZ};
+
+    use crate::args::TriggerSignal;
+    use signal_hook::consts::{SIGHUP, SIGINT, SIGTERM, SIGUSR1, SIGUSR2, SIGXFSZ};
     use signal_hook::iterator::Signals;
 
     pub(super) fn listen(interrupt: Interrupt, stopping: &'static str) -> io::Result<()> {
@@ -60,6 +70,17 @@ mod system {
             }
         };
         let thread = std::thread::Builder::new().name("depthloom-signals".to_owned());
+        depthloom_threads::look_for_room().and_then(|()| thread.spawn(listener)).map(drop)
+    }
+
+    pub(super) fn on(signal: TriggerSignal, trigger: impl Fn() + Send + 'static) -> io::Result<()> {
+        let signal = match signal {
+            TriggerSignal::User1 => SIGUSR1,
+            TriggerSignal::User2 => SIGUSR2,
+        };
+        let mut signals = Signals::new([signal])?;
+        let listener = move || signals.forever().for_each(|_| trigger());
+        let thread = std::thread::Builder::new().name("depthloom-trigger".to_owned());
         depthloom_threads::look_for_room().and_then(|()| thread.spawn(listener)).map(drop)
     }
 
@@ -92,6 +113,10 @@ mod system {
 
     pub fn listen(interrupt: Interrupt, stopping: &'static str) -> io::Result<()> {
         ctrlc::set_handler(move || super::raise(&interrupt, stopping)).map_err(io::Error::other)
+    }
+
+    pub fn on(_: crate::args::TriggerSignal, _: impl Fn() + Send + 'static) -> io::Result<()> {
+        Err(io::ErrorKind::Unsupported.into())
     }
 
     pub fn outlive_file_size_limit() {}

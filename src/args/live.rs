@@ -3,7 +3,7 @@
 use std::path::PathBuf;
 use std::time::Duration;
 
-use clap::Args;
+use clap::{Args, ValueEnum};
 use clap_complete::engine::ArgValueCompleter;
 use depthloom_terminal::{parse_duration, parse_size};
 
@@ -68,6 +68,36 @@ pub(crate) struct LiveArgs {
     #[arg(long, conflicts_with_all = ["out", "overwrite", "durable", "scores"])]
     pub no_record: bool,
 
+    /// Keep the last frames in memory only: `30s`.
+    ///
+    /// The signal of `--on` writes them to `kept-0001.mcap` and so on, in the folder of `--out`. At most 512 MiB are
+    /// kept.
+    #[arg(long, value_name = "TIME", value_parser = parse_duration, conflicts_with_all = ["no_record", "overwrite", "durable", "scores"])]
+    pub keep: Option<Duration>,
+
+    /// Write the kept frames on this signal (default: `SIGUSR1`).
+    #[arg(
+        long,
+        value_enum,
+        value_name = "SIGNAL",
+        requires = "keep",
+        default_value = "SIGUSR1",
+        hide_default_value = true
+    )]
+    pub on: TriggerSignal,
+
+    /// Serve the values to Foxglove and other viewers at this address: `127.0.0.1:8765`.
+    ///
+    /// The program must be built with the feature `serve`. A slow viewer misses frames, and never slows the run.
+    #[arg(long, value_name = "ADDRESS")]
+    pub serve: Option<String>,
+
+    /// Serve only these topics (default: all). Can be repeated.
+    ///
+    /// `*` matches any characters: `--topic '*/fused/*'`. `depthloom plan` lists the topics.
+    #[arg(long = "topic", value_name = "GLOB", requires = "serve")]
+    pub topics: Vec<String>,
+
     /// Write to this folder (default: `<runs>/<experiment>/<UTC time>`).
     ///
     /// `<runs>` is the folder of `--runs`.
@@ -114,6 +144,17 @@ pub(crate) struct LiveArgs {
 
     #[command(flatten)]
     pub output: JsonArgs,
+}
+
+/// The signal that writes the kept frames.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+pub(crate) enum TriggerSignal {
+    /// The first user-defined signal.
+    #[value(name = "SIGUSR1")]
+    User1,
+    /// The second user-defined signal.
+    #[value(name = "SIGUSR2")]
+    User2,
 }
 
 /// What the process takes of the machine.

@@ -1,5 +1,6 @@
 //! The execution of a live run: from a stream to a recording, latencies and an exit code.
 
+mod kept;
 mod output;
 mod sink;
 
@@ -7,15 +8,18 @@ use std::path::PathBuf;
 use std::sync::Arc;
 
 use depthloom_analysis::{Prepared, ReportOptions, Summary};
+use depthloom_graphs::contracts::ErrorMessage;
 use depthloom_graphs::language::Loaded;
 use depthloom_graphs::plan::Plan;
 use depthloom_graphs::ready::Ready;
+use depthloom_graphs::{chain, counted};
 use depthloom_recording::{Recorder, Recording};
-use depthloom_runner::{Audit, Interrupt, Live, LiveReport, Options, Report, RunError, run_live};
+use depthloom_runner::{Audit, Interrupt, Live, LiveReport, Options, Report, run_live};
 use depthloom_runs::environment::{self, ENVIRONMENT};
 use depthloom_runs::run_folder::RunFolder;
 use depthloom_runs::{GitState, LIVE, RECORDING, TIMINGS, models, reuse, run_failed, write_timings};
 use depthloom_terminal::{CliError, ExitCode, print, print_path, say};
+use depthloom_viewer::{ServeAddress, Viewer, ViewerSink};
 
 pub(crate) use self::output::LiveOutput;
 pub(crate) use self::sink::LatestMap;
@@ -25,7 +29,7 @@ use super::folder::{FolderRequest, make_folder};
 use super::programs::{PRINTED, write_printed};
 use crate::args::LiveArgs;
 use crate::output::diagnostics;
-use crate::output::live::LiveProgress;
+use crate::output::live::{LiveProgress, Messages};
 use crate::results::report;
 
 /// Whether nothing but errors is printed while it runs.
@@ -59,10 +63,10 @@ pub(crate) fn carry_out(
     let stage = plan.runs[live.run].stage.clone();
     let found = std::mem::take(&mut ready.warnings);
     print_warnings(args, &found);
-    let mut finished = if args.no_record {
-        run_unrecorded(args, &plan, ready, live, interrupt)?
-    } else {
-        run_recorded(args, loaded, &plan, ready, live, interrupt)?
+    let mut finished = match args.keep {
+        Some(window) => kept::run_kept(args, window, &plan, ready, live, interrupt)?,
+        None if args.no_record => run_unrecorded(args, &plan, ready, live, interrupt)?,
+        None => run_recorded(args, loaded, &plan, ready, live, interrupt)?,
     };
     finished.warnings.splice(0..0, found);
     let incomplete = incomplete(args, &finished);
@@ -115,11 +119,46 @@ fn execute(
     ready: Ready,
     live: Live,
     (storage, checkpoints): (Storage<'_>, Option<PathBuf>),
+    messages: &Messages,
     interrupt: &Interrupt,
-) -> Result<Report, RunError> {
-    let sink = LiveSink::new(storage, plan, live.run);
-    let progress = LiveProgress::new(plan, live.run, sink.latest(), args.plain, is_silent(args));
-    run_live(ready, live, &sink, &options(args, checkpoints), &progress, interrupt)
+) -> Result<Report, CliError> {
+    let viewer = serve(args, plan)?;
+    let sink = LiveSink::new(storage, plan, live.run, viewer.is_some());
+    let progress = LiveProgress::new(plan, live.run, sink.latest(), messages.clone(), args.plain, is_silent(args));
+    let ran = {
+        let sink = ViewerSink::new(&sink, viewer.as_ref());
+        run_live(ready, live, &sink, &options(args, checkpoints), &progress, interrupt)
+    };
+    end_serving(args, viewer);
+    ran.map_err(|error| run_failed(&error))
+}
+
+/// Starts the server for viewers, if it was requested.
+fn serve(args: &LiveArgs, plan: &Plan) -> Result<Option<Viewer>, CliError> {
+    let Some(address) = &args.serve else { return Ok(None) };
+    let refused = |error: ErrorMessage| CliError::remedied(ExitCode::Usage, "--serve", &error);
+    let address = ServeAddress::parse(address).map_err(refused)?;
+    let viewer = Viewer::start(plan, address, &args.topics, &plan.experiment).map_err(refused)?;
+    print_warnings(args, address.warning().as_slice());
+    if !is_silent(args) {
+        say(format_args!("serving at ws://{}", viewer.address()));
+    }
+    Ok(Some(viewer))
+}
+
+/// Ends the server, and warns of what viewers missed.
+fn end_serving(args: &LiveArgs, viewer: Option<Viewer>) {
+    let Some(mut viewer) = viewer else { return };
+    viewer.finish();
+    let missed = viewer.counts().dropped_frames;
+    let mut warnings = Vec::new();
+    if missed > 0 {
+        warnings
+            .push(format!("viewers missed values of {}: they could not be encoded in time", counted(missed, "frame")));
+    }
+    warnings
+        .extend(viewer.take_error().map(|error| format!("a value could not be shown to viewers: {}", chain(&error))));
+    print_warnings(args, &warnings);
 }
 
 fn print_warnings(args: &LiveArgs, warnings: &[String]) {
@@ -148,8 +187,9 @@ fn run_unrecorded(
     live: Live,
     interrupt: &Interrupt,
 ) -> Result<Finished, CliError> {
-    let ran = execute(args, plan, ready, live, (Storage::Nothing, None), interrupt);
-    let ran = ran.map_err(|error| run_failed(&error))?;
+    let earlier = reuse::beside(None, &args.folder.path(), plan);
+    let storage = (Storage::Nothing { earlier: &earlier }, None);
+    let ran = execute(args, plan, ready, live, storage, &Messages::default(), interrupt)?;
     finished(args, plan, ran, Vec::new())
 }
 
@@ -183,8 +223,8 @@ fn run_recorded(
             return Err(EarlyEnd { why, frames: 0, is_suspect: false }.stop_live(folder));
         }
     };
-    let storage = (Storage::Recording(&recorder), Some(folder.checkpoints()));
-    let ran = execute(args, plan, ready, live, storage, interrupt).map_err(|error| run_failed(&error));
+    let storage = (Storage::Sink(&recorder), Some(folder.checkpoints()));
+    let ran = execute(args, plan, ready, live, storage, &Messages::default(), interrupt);
     let closed = match &ran {
         Ok(ran) if !ran.interrupted => recorder.finish(&[]),
         _ => recorder.finish_early(),

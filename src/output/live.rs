@@ -5,7 +5,7 @@ mod picture;
 
 use std::fmt::Write as _;
 use std::io::IsTerminal as _;
-use std::sync::Mutex;
+use std::sync::{Arc, Mutex};
 use std::time::{Duration, Instant};
 
 use depthloom_graphs::Frame;
@@ -19,6 +19,25 @@ use self::display::Display;
 use super::progress::{EVERY, Progress};
 use crate::execution::live::LatestMap;
 
+/// Messages of other threads, which are shown with the next status.
+#[derive(Clone, Default)]
+pub(crate) struct Messages(Arc<Mutex<Vec<String>>>);
+
+impl Messages {
+    pub(crate) fn push(&self, text: String) {
+        locked(&self.0).push(text);
+    }
+
+    fn take(&self) -> Vec<String> {
+        std::mem::take(&mut *locked(&self.0))
+    }
+
+    /// Prints what came after the last status.
+    pub(crate) fn print_rest(&self, is_silent: bool) {
+        self.take().into_iter().filter(|_| !is_silent).for_each(say);
+    }
+}
+
 /// The progress of a live run: of the stages before it, and of the live stage.
 pub(crate) struct LiveProgress {
     before: Progress,
@@ -26,6 +45,7 @@ pub(crate) struct LiveProgress {
     stage: String,
     nodes: Vec<String>,
     is_silent: bool,
+    messages: Messages,
     state: Mutex<State>,
 }
 
@@ -40,7 +60,14 @@ struct State {
 
 impl LiveProgress {
     /// `latest` has the map that the display shows. `is_plain` prints lines on a terminal, too.
-    pub(crate) fn new(plan: &Plan, run: RunId, latest: LatestMap, is_plain: bool, is_silent: bool) -> Self {
+    pub(crate) fn new(
+        plan: &Plan,
+        run: RunId,
+        latest: LatestMap,
+        messages: Messages,
+        is_plain: bool,
+        is_silent: bool,
+    ) -> Self {
         let stage = &plan.runs[run];
         let wants_display = !is_plain && !is_silent && std::io::stderr().is_terminal();
         let state = State { display: None, wants_display, latest, printed: None, failed: 0 };
@@ -50,6 +77,7 @@ impl LiveProgress {
             stage: stage.stage.clone(),
             nodes: stage.nodes.iter().map(|node| node.name.clone()).collect(),
             is_silent,
+            messages,
             state: Mutex::new(state),
         }
     }
@@ -138,6 +166,7 @@ impl Observer for LiveProgress {
     }
 
     fn live(&self, _run: RunId, status: &LiveStatus) {
+        self.messages.take().into_iter().for_each(|text| self.message(text));
         let mut state = locked(&self.state);
         let map = locked(&state.latest).clone();
         if let Some(display) = &mut state.display {

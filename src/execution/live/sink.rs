@@ -1,4 +1,4 @@
-//! The sink of a live run: the recording, and the latest map for the display.
+//! The sink of a live run: its storage, and the latest map for the display.
 
 use std::sync::{Arc, Mutex};
 
@@ -11,10 +11,16 @@ use depthloom_threads::locked;
 /// The latest map of a live run.
 pub(crate) type LatestMap = Arc<Mutex<Option<Value>>>;
 
+/// Encoded values of a frame.
+type Part = <Recorder as Sink>::Part;
+
 /// Where values are stored.
+#[derive(Clone, Copy)]
 pub(super) enum Storage<'a> {
-    Recording(&'a Recorder),
-    Nothing,
+    /// In a recording, or a ring of frames.
+    Sink(&'a dyn Sink<Part = Part>),
+    /// Nowhere. Values of earlier runs are reused, for example a trained network.
+    Nothing { earlier: &'a dyn Store },
 }
 
 pub(super) struct LiveSink<'a> {
@@ -23,10 +29,12 @@ pub(super) struct LiveSink<'a> {
     /// The map that is shown: the last estimate, or the last depth or disparity of a node.
     shown: Option<Slot>,
     latest: LatestMap,
+    /// Whether viewers may want any value, also where none is stored.
+    has_viewers: bool,
 }
 
 impl<'a> LiveSink<'a> {
-    pub(super) fn new(storage: Storage<'a>, plan: &Plan, run: RunId) -> Self {
+    pub(super) fn new(storage: Storage<'a>, plan: &Plan, run: RunId, has_viewers: bool) -> Self {
         let stage = &plan.runs[run];
         let estimate = stage.estimates.last().map(|estimate| estimate.estimate);
         let map = || {
@@ -36,11 +44,18 @@ impl<'a> LiveSink<'a> {
             };
             stage.slots().filter(is_map).last()
         };
-        Self { storage, run, shown: estimate.or_else(map), latest: LatestMap::default() }
+        Self { storage, run, shown: estimate.or_else(map), latest: LatestMap::default(), has_viewers }
     }
 
     pub(super) fn latest(&self) -> LatestMap {
         Arc::clone(&self.latest)
+    }
+
+    fn sink(&self) -> Option<&'a dyn Sink<Part = Part>> {
+        match self.storage {
+            Storage::Sink(sink) => Some(sink),
+            Storage::Nothing { .. } => None,
+        }
     }
 
     fn show(&self, run: RunId, values: &[(Slot, Value)]) {
@@ -52,20 +67,22 @@ impl<'a> LiveSink<'a> {
 }
 
 impl Sink for LiveSink<'_> {
-    type Part = Option<<Recorder as Sink>::Part>;
+    type Part = Option<Part>;
 
     fn parts(&self, run: RunId) -> usize {
         match self.storage {
-            Storage::Recording(recorder) => recorder.parts(run),
-            // One for the map that is shown.
-            Storage::Nothing => 1,
+            Storage::Sink(sink) => sink.parts(run),
+            // Of what is shown.
+            Storage::Nothing { .. } => 1,
         }
     }
 
     fn part(&self, run: RunId, slot: Slot) -> Option<PartId> {
         match self.storage {
-            Storage::Recording(recorder) => recorder.part(run, slot),
-            Storage::Nothing => (run == self.run && Some(slot) == self.shown).then_some(PartId(0)),
+            Storage::Sink(sink) => sink.part(run, slot),
+            Storage::Nothing { .. } => {
+                (run == self.run && (self.has_viewers || Some(slot) == self.shown)).then_some(PartId(0))
+            }
         }
     }
 
@@ -77,17 +94,12 @@ impl Sink for LiveSink<'_> {
         values: &[(Slot, Value)],
     ) -> Result<Self::Part, ErrorMessage> {
         self.show(run, values);
-        match self.storage {
-            Storage::Recording(recorder) => recorder.encode(run, frame, part, values).map(Some),
-            Storage::Nothing => Ok(None),
-        }
+        self.sink().map(|sink| sink.encode(run, frame, part, values)).transpose()
     }
 
     fn write(&self, commit: &Commit<'_>, parts: Vec<Self::Part>) -> Result<(), ErrorMessage> {
-        match self.storage {
-            Storage::Recording(recorder) => recorder.write(commit, parts.into_iter().flatten().collect()),
-            Storage::Nothing => Ok(()),
-        }
+        let Some(sink) = self.sink() else { return Ok(()) };
+        sink.write(commit, parts.into_iter().flatten().collect())
     }
 
     fn once(
@@ -98,23 +110,17 @@ impl Sink for LiveSink<'_> {
         value: &Value,
         warnings: &[NodeWarning],
     ) -> Result<(), ErrorMessage> {
-        match self.storage {
-            Storage::Recording(recorder) => recorder.once(run, slot, key, value, warnings),
-            Storage::Nothing => Ok(()),
-        }
+        self.sink().map_or(Ok(()), |sink| sink.once(run, slot, key, value, warnings))
     }
 
     fn keeps(&self, run: RunId, slot: Slot, position: FrameIndex) -> bool {
-        match self.storage {
-            Storage::Recording(recorder) => recorder.keeps(run, slot, position),
-            Storage::Nothing => false,
-        }
+        self.sink().is_some_and(|sink| sink.keeps(run, slot, position))
     }
 
     fn store(&self) -> Option<&dyn Store> {
         match self.storage {
-            Storage::Recording(recorder) => recorder.store(),
-            Storage::Nothing => None,
+            Storage::Sink(sink) => sink.store(),
+            Storage::Nothing { earlier } => Some(earlier),
         }
     }
 
@@ -126,16 +132,10 @@ impl Sink for LiveSink<'_> {
         values: &[(Slot, Value)],
         stored: &[StoredValue<'_>],
     ) -> Result<Self::Part, ErrorMessage> {
-        match self.storage {
-            Storage::Recording(recorder) => recorder.encode_stored(run, frame, part, values, stored).map(Some),
-            Storage::Nothing => Ok(None),
-        }
+        self.sink().map(|sink| sink.encode_stored(run, frame, part, values, stored)).transpose()
     }
 
     fn written_aggregate(&self, run: RunId, slot: Slot) -> Option<Key> {
-        match self.storage {
-            Storage::Recording(recorder) => recorder.written_aggregate(run, slot),
-            Storage::Nothing => None,
-        }
+        self.sink().and_then(|sink| sink.written_aggregate(run, slot))
     }
 }
