@@ -1,4 +1,4 @@
-//! The schemas of a recording: Foxglove's, with complete descriptor sets, and depthloom's own three.
+//! The schemas of a recording: Foxglove's, with complete descriptor sets, and depthloom's own five.
 //!
 //! Foxglove's `RawImage` and `CameraCalibration` get fields beyond Foxglove's own, declared in the descriptor that the
 //! recording carries and skipped by readers that do not know them: the smallest disparity searched, without which a
@@ -50,11 +50,13 @@ pub enum Schema {
     FrameTransform,
     /// Points of a depth.
     PointCloud,
+    /// A number of a frame.
+    Number,
 }
 
 impl Schema {
     /// All of them.
-    pub const ALL: [Self; 9] = [
+    pub const ALL: [Self; 10] = [
         Self::CompressedImage,
         Self::RawImage,
         Self::CameraCalibration,
@@ -64,6 +66,7 @@ impl Schema {
         Self::FloatMap,
         Self::FrameTransform,
         Self::PointCloud,
+        Self::Number,
     ];
 
     /// Its id in every recording; zero is reserved by the format.
@@ -85,6 +88,7 @@ impl Schema {
             Self::FloatMap => "depthloom.FloatMap",
             Self::FrameTransform => "foxglove.FrameTransform",
             Self::PointCloud => "foxglove.PointCloud",
+            Self::Number => "depthloom.Number",
         }
     }
 
@@ -99,7 +103,12 @@ impl Schema {
     pub const fn is_small(self) -> bool {
         match self {
             Self::CompressedImage | Self::RawImage | Self::FloatMap | Self::PointCloud => false,
-            Self::CameraCalibration | Self::Score | Self::Commit | Self::CurvePoint | Self::FrameTransform => true,
+            Self::CameraCalibration
+            | Self::Score
+            | Self::Commit
+            | Self::CurvePoint
+            | Self::FrameTransform
+            | Self::Number => true,
         }
     }
 
@@ -146,6 +155,7 @@ impl Schema {
             ),
             Self::CurvePoint => own_set("depthloom/CurvePoint.proto", vec![curve_point()]),
             Self::FloatMap => own_set("depthloom/FloatMap.proto", vec![float_map(), instant()]),
+            Self::Number => own_set("depthloom/Number.proto", vec![number()]),
         }
     }
 }
@@ -247,6 +257,11 @@ fn curve_point() -> DescriptorProto {
     let mut fields = vec![field("step", 1, Type::Uint64)];
     fields.extend(numbers.iter().zip(2..).map(|(name, number)| field(name, number, Type::Double)));
     numbers.into_iter().fold(message("CurvePoint", fields), optional)
+}
+
+/// Its presence is declared, so that 0 is written too.
+fn number() -> DescriptorProto {
+    optional(message("Number", vec![field("value", 1, Type::Double)]), "value")
 }
 
 /// Fields as those of `foxglove.RawImage`, as far as that has them.
