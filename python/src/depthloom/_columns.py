@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from numbers import Real
 from typing import Any
 
 import numpy as np
@@ -80,7 +81,7 @@ def column(value_type: str, item: Any) -> pa.StructArray:
             raise TypeError(f"is {_type_name(item)}, and a calibration is depthloom.Calibration(width, height, focal_px, cx_px, cy_px, baseline_m, doffs_px)")
         arrays = [pa.array([getattr(item, field.name)], field.type) for field in struct]
     elif value_type == "number":
-        if isinstance(item, bool) or not isinstance(item, (int, float, np.number)):
+        if isinstance(item, bool) or not isinstance(item, Real):
             raise TypeError(f"is {_type_name(item)}, and a number is a float")
         arrays = [pa.array([float(item)], pa.float64())]
     elif value_type in _MEDIA_TYPES:
