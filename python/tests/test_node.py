@@ -65,6 +65,7 @@ def test_images_masks_and_other_values_are_unchanged_after_a_round_trip() -> Non
     mask = grey > 2
     assert np.array_equal(there_and_back("mask", mask), mask)
     assert there_and_back("calibration", CAMERA) == CAMERA
+    assert there_and_back("number", np.float32(2.5)) == 2.5
     assert there_and_back("model", b"onnx") == b"onnx"
     curve = {"step": [1, 2], "loss": [0.5, 0.25], "validation": [np.nan, 0.5], "learning_rate": [0.1, 0.1]}
     assert there_and_back("curve", curve)["loss"].tolist() == [0.5, 0.25]
@@ -79,6 +80,7 @@ def test_images_masks_and_other_values_are_unchanged_after_a_round_trip() -> Non
         ("depth", np.zeros((0, 2), np.float32), "no pixel"),
         ("image", np.zeros((2, 2), np.float32), "is of float32, and an image is of uint8"),
         ("mask", np.zeros((2, 2), np.uint8), "a mask is of bool"),
+        ("number", True, "is a bool, and a number is a float"),
         ("calibration", 3, r"is a int, and a calibration is depthloom.Calibration\(width, height, focal_px"),
         ("model", "text", "is a str, and a model is bytes"),
     ],

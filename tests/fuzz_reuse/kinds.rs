@@ -486,6 +486,24 @@ pub(crate) const KINDS: &[Kind] = &[
         ..DEFAULT
     },
     Kind {
+        // Without `model` and `schedule`: networks of other layers, and versions of other runs, are errors.
+        label: "learn/online",
+        kind: "learn/online",
+        contract: Contract::Ordered,
+        inputs: &[
+            ("image", Type::Image),
+            ("target", Type::Disparity),
+            ("mask", Type::Mask),
+            ("calibration", Type::Calibration),
+        ],
+        outputs: &[("depth", Type::Depth), ("model", Type::Model), ("curve", Type::Curve)],
+        fixed: "{\"network\": \"unet-tiny\", \"size\": [32, 32], \"coverage\": 0, \"first\": 1, \"period\": 1, \
+                \"steps\": 1, \"batch\": 1}",
+        parameters: &[("memory", &["1", "3"]), ("period", &["1", "2"]), ("seed", &["1", "2"]), ("cap", &["20", "80"])],
+        share: 2,
+        ..DEFAULT
+    },
+    Kind {
         label: "learn/reliability",
         kind: "learn/reliability",
         contract: Contract::Ordered,

@@ -10,7 +10,7 @@ use std::io;
 use std::sync::Arc;
 
 use depthloom_codecs::arrow::{self, Data, DataType, Field, Items, Offsets, Schema, StreamReader};
-use depthloom_graphs::values::{Artifact, Calibration, Curve, CurvePoint, Depth, Image, Pixels, Raster};
+use depthloom_graphs::values::{Artifact, Calibration, Curve, CurvePoint, Depth, Image, Number, Pixels, Raster};
 use depthloom_graphs::{Value, ValueType};
 use image::{GrayImage, Luma};
 use serde_json::Value as Json;
@@ -281,6 +281,7 @@ fn value(name: &str, of: ValueType, number: u64, inputs: &[Value]) -> Value {
             };
             Curve { points: vec![point(1), point(2)] }.into()
         }
+        ValueType::Number => Number { value: f64::from(factor) }.into(),
         ValueType::Samples => Value::Samples(Arc::new(Artifact::new("application/octet-stream", number.to_le_bytes()))),
         _ => Value::Model(Arc::new(Artifact::new("application/onnx", number.to_le_bytes()))),
     }

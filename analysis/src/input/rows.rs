@@ -28,7 +28,7 @@ pub struct TopicRows {
 /// Columns are `position` (of the frame in its stage), `frame`, and the contents. For scores these are `set, zone,
 /// pixels, truth, valid`, the metrics in the order of the catalogue, and `density`. A metric is null if no pixel
 /// counted; `zone` is null for the whole image. For calibrations the contents are `width, height` and `focal_px, cx_px,
-/// cy_px, baseline_m`.
+/// cy_px, baseline_m`, for numbers `value`.
 ///
 /// # Errors
 /// If the recording cannot be read; [`AnalysisError::Stopped`] once `stop` returns true.
@@ -40,7 +40,8 @@ pub fn topic_rows(
     stop: &dyn Fn() -> bool,
 ) -> Result<TopicRows, AnalysisError> {
     let mut reader = recording.reader(run, &[topic])?;
-    let (mut scores, mut calibrations, mut damaged) = (Vec::new(), Vec::new(), Vec::new());
+    let (mut scores, mut calibrations, mut numbers) = (Vec::new(), Vec::new(), Vec::new());
+    let mut damaged = Vec::new();
     for &position in positions {
         if stop() {
             return Err(AnalysisError::Stopped);
@@ -58,10 +59,15 @@ pub fn topic_rows(
         match value {
             Some(Value::Scores(rows)) => scores.extend(rows.iter().map(|row| (at, Arc::clone(frame), row.clone()))),
             Some(Value::Calibration(calibration)) => calibrations.push((at, Arc::clone(frame), calibration)),
+            Some(Value::Number(number)) => numbers.push((at, Arc::clone(frame), number.value)),
             _ => {}
         }
     }
-    let table = if calibrations.is_empty() { table_of_scores(&scores) } else { table_of_calibrations(&calibrations) };
+    let table = match (calibrations.is_empty(), numbers.is_empty()) {
+        (false, _) => table_of_calibrations(&calibrations),
+        (_, false) => table_of_numbers(&numbers),
+        _ => table_of_scores(&scores),
+    };
     let rows = table.height() as u64;
     Ok(TopicRows { parquet: table.parquet(topic, &plan_key(recording.plan()))?, rows, damaged })
 }
@@ -97,6 +103,12 @@ fn table_of_scores(scores: &[FrameRow<ScoreRow>]) -> Table {
     let is_there = |metric: &&Metric| scores.iter().any(|(.., row)| row.get(metric).is_some());
     columns.extend(crate::metrics().filter(is_there).map(|metric| rows.metric(metric, |(.., row)| row.get(metric))));
     columns.push(rows.share("density", |(.., row)| row.density()).unit(DIMENSIONLESS));
+    Table::new(columns)
+}
+
+fn table_of_numbers(numbers: &[FrameRow<f64>]) -> Table {
+    let mut columns = frame_columns(numbers);
+    columns.push(Rows(numbers).number("value", |(.., value)| *value));
     Table::new(columns)
 }
 

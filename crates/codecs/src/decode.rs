@@ -3,7 +3,7 @@
 use std::sync::Arc;
 
 use depthloom_graphs::values::{
-    Calibration, Depth, Disparity, Encoded, Image, ImageFormat, Mask, Pixels, Raster, RelativeInverseDepth,
+    Calibration, Depth, Disparity, Encoded, Image, ImageFormat, Mask, Number, Pixels, Raster, RelativeInverseDepth,
     TrueDisparity, Weight,
 };
 use depthloom_graphs::{Value, ValueType};
@@ -13,15 +13,16 @@ use image::{DynamicImage, GrayImage, ImageBuffer, Luma, RgbImage};
 use prost::Message;
 
 use crate::floats::unpacked;
-use crate::messages::ScoreMessage;
+use crate::messages::{NumberMessage, ScoreMessage};
 use crate::schema::{BASELINE_M, DOFFS_PX, INVERSE, MIN_DISPARITY_PX, Schema};
 use crate::wire_format::{Content, Fields};
 
-/// Reads a raster or a calibration.
+/// Reads a raster, a calibration or a number.
 pub fn value(schema: Schema, value_type: ValueType, message: &[u8]) -> Result<Value, String> {
     match (schema, value_type) {
         (Schema::CompressedImage, ValueType::Image) => compressed_image(message).map(Value::from),
         (Schema::CameraCalibration, ValueType::Calibration) => calibration(message).map(Value::from),
+        (Schema::Number, ValueType::Number) => number(message).map(Value::from),
         (Schema::RawImage, _) => raw_image(message)?.value(value_type),
         (Schema::FloatMap, ValueType::Depth) => depth(message),
         (Schema::FloatMap, ValueType::Disparity) => Ok(Value::disparity_from_px(float_map(message)?)),
@@ -37,6 +38,11 @@ pub fn value(schema: Schema, value_type: ValueType, message: &[u8]) -> Result<Va
 /// Reads a row of scores.
 pub fn score(message: &[u8]) -> Result<ScoreRow, String> {
     ScoreMessage::decode(message).map(|score| score.row)
+}
+
+fn number(message: &[u8]) -> Result<Number, String> {
+    let decoded = NumberMessage::decode(message).map_err(|error| format!("a message is not a number: {error}"))?;
+    decoded.value.map(|value| Number { value }).ok_or_else(|| "a message has no number".to_owned())
 }
 
 fn compressed_image(message: &[u8]) -> Result<Image, String> {
@@ -255,7 +261,7 @@ impl Gathered {
 
 #[cfg(test)]
 mod tests {
-    use depthloom_graphs::values::{Calibration, Raster, TrueDisparity};
+    use depthloom_graphs::values::{Calibration, Number, Raster, TrueDisparity};
     use depthloom_graphs::{Value, ValueType};
     use depthloom_scores::{Metric, PixelSet, ScoreRow};
 
@@ -301,6 +307,18 @@ mod tests {
             message.len()
         };
         assert_eq!(recorded(&apart), recorded(&one) + 10);
+    }
+
+    #[test]
+    fn numbers_come_back_bit_for_bit() {
+        for given in [0.0, -0.0, 3.0, 0.1 + 0.2, 1e-300] {
+            let mut message = Vec::new();
+            let schema = put(&mut message, Stamp { time_ns: 0, frame_id: "" }, &Number { value: given }.into());
+            let Ok(Value::Number(read)) = value(schema.unwrap(), ValueType::Number, &message) else { panic!("read") };
+            assert_eq!(read.value.to_bits(), given.to_bits());
+        }
+        assert!(value(Schema::Number, ValueType::Number, &[]).unwrap_err().contains("no number"));
+        assert!(value(Schema::Number, ValueType::Depth, &[]).is_err());
     }
 
     /// The bytes of a row in older recordings, written by prost: frame, set, pixels, then doubles 4

@@ -11,6 +11,7 @@ use prost::Message;
 use crate::decode::nothing_found;
 use crate::files::Cloud;
 use crate::floats::PackedFloats;
+use crate::messages::NumberMessage;
 use crate::schema::{BASELINE_M, DOFFS_PX, INVERSE, MIN_DISPARITY_PX, Schema};
 use crate::wire_format::{put_bytes, put_fixed32, put_length, put_number, put_signed, put_varint};
 
@@ -45,9 +46,9 @@ struct RawImage<'a> {
     samples: Samples<'a>,
 }
 
-/// Appends the message of a raster or a calibration, and returns its schema: images with their file's bytes become a
+/// Appends the message of a raster, a calibration or a number, and returns its schema: images with their file's bytes become a
 /// `foxglove.CompressedImage`; depths, weights, disparities not in whole 1/16 px and ground truth not in whole 1/256 px
-/// a `depthloom.FloatMap`; other rasters a `foxglove.RawImage`. [`decode::value`](crate::decode::value) reads it back.
+/// a `depthloom.FloatMap`; other rasters a `foxglove.RawImage`; numbers a `depthloom.Number`. [`decode::value`](crate::decode::value) reads it back.
 ///
 /// # Errors
 /// If the value is of another type (scores and curves are one message per row ([`messages`](crate::messages)), samples
@@ -69,7 +70,7 @@ pub fn put(out: &mut Vec<u8>, stamp: Stamp<'_>, value: &Value) -> Result<Schema,
     Ok(put_value(out, stamp, value))
 }
 
-/// Appends the message of a raster or a calibration, and returns its schema; an image as its pixels.
+/// Appends the message of a raster, a calibration or a number, and returns its schema; an image as its pixels.
 ///
 /// # Panics
 /// If the value is a table, a curve or an artefact: see [`put`].
@@ -118,6 +119,10 @@ pub fn put_value(out: &mut Vec<u8>, stamp: Stamp<'_>, value: &Value) -> Schema {
         Value::Calibration(calibration) => {
             put_camera(out, stamp, calibration, false);
             return Schema::CameraCalibration;
+        }
+        Value::Number(number) => {
+            out.extend_from_slice(&NumberMessage { value: Some(number.value) }.encode_to_vec());
+            return Schema::Number;
         }
         Value::Scores(_) | Value::Samples(_) | Value::Model(_) | Value::Reliability(_) | Value::Curve(_) => {
             unreachable!("a value of type {} is not one message", value.value_type())

@@ -76,6 +76,14 @@ impl ScoreMessage {
     }
 }
 
+/// `depthloom.Number`: a number of a frame. Always present, as in [`CurvePointMessage`].
+#[derive(Clone, Copy, PartialEq, prost::Message)]
+pub struct NumberMessage {
+    /// Field `value`.
+    #[prost(double, optional, tag = "1")]
+    pub value: Option<f64>,
+}
+
 /// `depthloom.CurvePoint`: one point of a learning curve.
 ///
 /// Loss and learning rate are always there: the presence is declared because zero, which an undeclared field leaves

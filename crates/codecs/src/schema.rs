@@ -1,4 +1,4 @@
-//! The schemas of a recording: Foxglove's, with complete descriptor sets, and depthloom's own three.
+//! The schemas of a recording: Foxglove's, with complete descriptor sets, and depthloom's own five.
 //!
 //! Foxglove's `RawImage` and `CameraCalibration` get fields beyond Foxglove's own, declared in the descriptor that the
 //! recording carries and skipped by readers that do not know them: the smallest disparity searched, without which a
@@ -52,6 +52,8 @@ pub enum Schema {
     PointCloud,
     /// What closes a frame of a live run: as [`Schema::Commit`], which other recordings keep unchanged, and with `live`.
     LiveCommit,
+    /// A number of a frame.
+    Number,
 }
 
 impl Schema {
@@ -67,6 +69,7 @@ impl Schema {
         Self::FrameTransform,
         Self::PointCloud,
         Self::LiveCommit,
+        Self::Number,
     ];
 
     /// Its id in every recording; zero is reserved by the format.
@@ -88,6 +91,7 @@ impl Schema {
             Self::FloatMap => "depthloom.FloatMap",
             Self::FrameTransform => "foxglove.FrameTransform",
             Self::PointCloud => "foxglove.PointCloud",
+            Self::Number => "depthloom.Number",
         }
     }
 
@@ -113,7 +117,8 @@ impl Schema {
             | Self::Commit
             | Self::LiveCommit
             | Self::CurvePoint
-            | Self::FrameTransform => true,
+            | Self::FrameTransform
+            | Self::Number => true,
         }
     }
 
@@ -144,6 +149,7 @@ impl Schema {
             Self::LiveCommit => own_set("depthloom/Commit.proto", live_commit()),
             Self::CurvePoint => own_set("depthloom/CurvePoint.proto", vec![curve_point()]),
             Self::FloatMap => own_set("depthloom/FloatMap.proto", vec![float_map(), instant()]),
+            Self::Number => own_set("depthloom/Number.proto", vec![number()]),
         }
     }
 }
@@ -266,6 +272,11 @@ fn curve_point() -> DescriptorProto {
     let mut fields = vec![field("step", 1, Type::Uint64)];
     fields.extend(numbers.iter().zip(2..).map(|(name, number)| field(name, number, Type::Double)));
     numbers.into_iter().fold(message("CurvePoint", fields), optional)
+}
+
+/// Its presence is declared, so that 0 is written too.
+fn number() -> DescriptorProto {
+    optional(message("Number", vec![field("value", 1, Type::Double)]), "value")
 }
 
 /// Fields as those of `foxglove.RawImage`, as far as that has them.

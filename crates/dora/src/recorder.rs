@@ -9,8 +9,8 @@ use depthloom_graphs::contracts::{AggregateNode, Contract, Failure, OrderedNode,
 use depthloom_graphs::plan::{FrameIndex, NodeId, NodeRef, Plan, PlannedOutput, RunId};
 use depthloom_graphs::ready::{Ready, ReadyRun, read_files};
 use depthloom_graphs::values::{
-    Artifact, Calibration, Curve, Depth, Disparity, Image, Mask, Pixels, Raster, RelativeInverseDepth, TrueDisparity,
-    Weight,
+    Artifact, Calibration, Curve, Depth, Disparity, Image, Mask, Number, Pixels, Raster, RelativeInverseDepth,
+    TrueDisparity, Weight,
 };
 use depthloom_graphs::{
     Context, ErrorMessage, Fault, Frame, Inputs, Instance, Key, Outputs, Rate, Source, SourceOutputs, Value, ValueType,
@@ -325,5 +325,6 @@ fn placeholder(value_type: ValueType) -> Value {
         ValueType::Model => Value::Model(Arc::new(Artifact::model(Vec::new()))),
         ValueType::Reliability => Value::Reliability(Arc::new(Artifact::reliability(String::new()))),
         ValueType::Curve => Curve::default().into(),
+        ValueType::Number => Number { value: 0.0 }.into(),
     }
 }

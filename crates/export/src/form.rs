@@ -43,7 +43,7 @@ pub(crate) const fn formats_of(value_type: ValueType) -> &'static [ExportFormat]
         ValueType::Depth | ValueType::Disparity | ValueType::TrueDisparity => &[Png, Npy, Pfm, Ply, Pcd],
         ValueType::Model => &[Onnx],
         ValueType::Reliability => &[Json],
-        ValueType::Scores | ValueType::Curve | ValueType::Calibration => &[Parquet],
+        ValueType::Scores | ValueType::Curve | ValueType::Calibration | ValueType::Number => &[Parquet],
         ValueType::Samples => &[],
     }
 }
@@ -140,6 +140,7 @@ const fn usual_range(value_type: ValueType) -> Option<(f64, f64)> {
         | ValueType::Samples
         | ValueType::Model
         | ValueType::Reliability
-        | ValueType::Curve => None,
+        | ValueType::Curve
+        | ValueType::Number => None,
     }
 }

@@ -1,7 +1,8 @@
 //! Self-supervised training of monocular networks: samples, networks, training, ONNX export.
 //!
 //! A stage collects confident stereo (`samples`: the kind `learn/samples`); an aggregate node trains a network with it
-//! (`ssl`: `learn/ssl`) and writes an ONNX file (`onnx`) that `mono/onnx` runs. Each network is described once, for
+//! (`ssl`: `learn/ssl`) and writes an ONNX file (`onnx`) that `mono/onnx` runs. `learn/online` (`online`) does both
+//! in the background of the frames. Each network is described once, for
 //! training and for export (`networks`).
 //!
 //! - Gradients are computed by operations of our own (`compute`), one image a thread. Their kernels read images as
@@ -26,6 +27,7 @@
 mod compute;
 mod fusion;
 mod networks;
+mod online;
 mod onnx;
 mod samples;
 mod ssl;
@@ -42,5 +44,6 @@ pub fn register(registry: Registry) -> Registry {
         .node::<samples::CollectSamples>()
         .node::<samples::CollectFusionSamples>()
         .node::<ssl::Ssl>()
+        .node::<online::Online>()
         .node::<fusion::TrainFusion>()
 }

@@ -4,6 +4,7 @@ mod format;
 mod fusion_node;
 mod node;
 mod sample;
+mod sampler;
 #[cfg(test)]
 mod set;
 mod spool;
@@ -11,9 +12,11 @@ mod target;
 mod view;
 
 pub(crate) use fusion_node::{CollectFusionSamples, FusionSamplesParams};
-pub(crate) use node::{CollectSamples, SamplesParams};
+pub(crate) use node::{CollectSamples, SamplesParams, depth_scale, small};
+pub(crate) use sample::Sample;
 #[cfg(test)]
-pub(crate) use sample::{Sample, cell_bytes};
+pub(crate) use sample::cell_bytes;
+pub(crate) use sampler::{Sampler, Sampling, encode};
 #[cfg(test)]
 pub(crate) use set::Samples;
 pub(crate) use view::size_and_right;

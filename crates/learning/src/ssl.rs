@@ -9,7 +9,11 @@ mod params;
 mod photometric;
 mod weights;
 
+pub(crate) use loss::{Loss, Penalty};
 pub(crate) use node::Ssl;
+pub(crate) use objective::SelfSupervision;
+pub(crate) use params::SslParams;
+pub(crate) use weights::{fill, matched};
 
 #[cfg(test)]
 mod tests;

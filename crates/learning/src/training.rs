@@ -12,7 +12,8 @@ use serde::{Deserialize, Serialize};
 use crate::compute::Input;
 use crate::networks::Architecture;
 
-pub(crate) use run::{check_curve, check_patience, learn, on_threads};
+pub(crate) use run::{advance, check_curve, check_patience, in_pool, learn, on_threads};
+pub(crate) use steps::State;
 
 /// How the learning rate changes after its first value.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]

@@ -16,7 +16,7 @@ pub struct Tolerance {
 pub struct Tolerances(BTreeMap<ValueType, f64>);
 
 /// The types with numbers whose difference has a meaning.
-const NUMERIC_TYPES: [ValueType; 9] = [
+const NUMERIC_TYPES: [ValueType; 10] = [
     ValueType::Image,
     ValueType::Disparity,
     ValueType::TrueDisparity,
@@ -26,6 +26,7 @@ const NUMERIC_TYPES: [ValueType; 9] = [
     ValueType::Calibration,
     ValueType::Scores,
     ValueType::Curve,
+    ValueType::Number,
 ];
 
 impl Tolerance {

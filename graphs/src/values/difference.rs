@@ -2,7 +2,7 @@
 
 use std::fmt;
 
-use super::{Calibration, Curve, Image, Pixels, Raster, Value, ValueType};
+use super::{Calibration, Curve, Image, Number, Pixels, Raster, Value, ValueType};
 
 /// How two values differ.
 #[derive(Clone, Debug, Default, PartialEq)]
@@ -79,6 +79,7 @@ impl ValueDifference {
             }
             (Value::Calibration(a), Value::Calibration(b)) => named(coefficients(a), coefficients(b), tolerance),
             (Value::Scores(_), Value::Scores(_)) => named(scores(recorded), scores(now), tolerance),
+            (Value::Number(a), Value::Number(b)) => named(single(a), single(b), tolerance),
             (Value::Curve(a), Value::Curve(b)) => named(points(a), points(b), tolerance),
             (Value::Samples(a), Value::Samples(b))
             | (Value::Model(a), Value::Model(b))
@@ -267,6 +268,10 @@ fn coefficients(calibration: &Calibration) -> Named {
         ("doffs_px", *doffs_px),
     ];
     numbers.map(|(name, number)| (name.to_owned(), Some(number))).into()
+}
+
+fn single(number: &Number) -> Named {
+    vec![("the number".to_owned(), Some(number.value))]
 }
 
 fn scores(value: &Value) -> Named {

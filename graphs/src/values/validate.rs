@@ -1,6 +1,6 @@
 //! Checks samples of values that come from outside.
 
-use super::{Calibration, Curve, Depth, Disparity, Raster, RelativeInverseDepth, TrueDisparity, Value, Weight};
+use super::{Calibration, Curve, Depth, Disparity, Number, Raster, RelativeInverseDepth, TrueDisparity, Value, Weight};
 
 impl Value {
     /// Checks that the value is as its type documents. Called for all values that come from outside.
@@ -19,6 +19,7 @@ impl Value {
             Self::TrueDisparity(disparity) => disparity.validate(),
             Self::Calibration(calibration) => calibration.validate(),
             Self::Curve(curve) => curve.validate(),
+            Self::Number(number) => number.validate(),
             // Every byte is a valid sample of an image or a mask. Nodes check the artifacts that they read.
             Self::Image(_)
             | Self::Mask(_)
@@ -121,6 +122,13 @@ impl Curve {
     }
 }
 
+impl Number {
+    /// It is finite.
+    fn validate(&self) -> Result<(), String> {
+        if self.value.is_finite() { Ok(()) } else { Err(format!("it is {:?}; a number must be finite", self.value)) }
+    }
+}
+
 /// Counts invalid samples in one pass without branches (SIMD), and locates the first only if there is one.
 fn check_samples<T: image::Primitive + std::fmt::Debug>(
     raster: &Raster<T>,
@@ -148,7 +156,9 @@ const BLOCK: usize = 4096;
 
 #[cfg(test)]
 mod tests {
-    use super::super::{Calibration, Curve, CurvePoint, Depth, Disparity, Mask, Raster, TrueDisparity, Value, Weight};
+    use super::super::{
+        Calibration, Curve, CurvePoint, Depth, Disparity, Mask, Number, Raster, TrueDisparity, Value, Weight,
+    };
 
     fn floats(samples: [f32; 6]) -> Raster<f32> {
         Raster::from_raw(3, 2, samples.to_vec()).expect("3x2")
@@ -227,6 +237,12 @@ mod tests {
         assert!(error(Curve { points: vec![point(20), point(20)] }).contains("step 20 comes after step 20"));
         let set = Raster::from_raw(3, 2, vec![0, 255, 0, 0, 0, 0]).expect("3x2");
         assert_eq!(Value::from(Mask { set }).validate(), Ok(()));
+    }
+
+    #[test]
+    fn numbers_are_finite() {
+        assert_eq!(Value::from(Number { value: -0.0 }).validate(), Ok(()));
+        assert_eq!(error(Number { value: f64::NAN }), "it is NaN; a number must be finite");
     }
 
     #[test]

@@ -6,8 +6,8 @@ use std::sync::Arc;
 use depthloom_scores::ScoreRow;
 
 use super::{
-    Artifact, Calibration, Curve, Depth, Disparity, FloatDisparity, Image, Mask, RelativeDepth, RelativeInverseDepth,
-    TrueDisparity, Weight,
+    Artifact, Calibration, Curve, Depth, Disparity, FloatDisparity, Image, Mask, Number, RelativeDepth,
+    RelativeInverseDepth, TrueDisparity, Weight,
 };
 
 /// The type that a value or a port has.
@@ -39,11 +39,13 @@ pub enum ValueType {
     Reliability,
     /// A learning curve.
     Curve,
+    /// A number.
+    Number,
 }
 
 impl ValueType {
     /// All types.
-    pub const ALL: [Self; 13] = [
+    pub const ALL: [Self; 14] = [
         Self::Image,
         Self::Disparity,
         Self::TrueDisparity,
@@ -57,6 +59,7 @@ impl ValueType {
         Self::Model,
         Self::Reliability,
         Self::Curve,
+        Self::Number,
     ];
 
     /// Whether its values are [`Artifact`]s, which are identified by their content and can be read from a file.
@@ -87,6 +90,7 @@ impl ValueType {
             Self::Model => "model",
             Self::Reliability => "reliability",
             Self::Curve => "curve",
+            Self::Number => "number",
         }
     }
 }
@@ -130,6 +134,8 @@ pub enum Value {
     Reliability(Arc<Artifact>),
     /// The learning curve of a training.
     Curve(Arc<Curve>),
+    /// A number of a frame.
+    Number(Arc<Number>),
 }
 
 impl Value {
@@ -168,7 +174,8 @@ impl Value {
             | Self::Samples(_)
             | Self::Model(_)
             | Self::Reliability(_)
-            | Self::Curve(_) => return None,
+            | Self::Curve(_)
+            | Self::Number(_) => return None,
         })
     }
 
@@ -188,6 +195,7 @@ impl Value {
             Self::Model(_) => ValueType::Model,
             Self::Reliability(_) => ValueType::Reliability,
             Self::Curve(_) => ValueType::Curve,
+            Self::Number(_) => ValueType::Number,
         }
     }
 }
@@ -225,6 +233,7 @@ value_kind!(Calibration, Calibration);
 value_kind!(Vec<ScoreRow>, Scores);
 value_kind!(Artifact, Samples | Model | Reliability);
 value_kind!(Curve, Curve);
+value_kind!(Number, Number);
 
 impl ValueKind for Disparity {
     const TYPES: &'static [ValueType] = &[ValueType::Disparity];
@@ -271,3 +280,4 @@ into_value!(Mask, Mask);
 into_value!(Calibration, Calibration);
 into_value!(Vec<ScoreRow>, Scores);
 into_value!(Curve, Curve);
+into_value!(Number, Number);

@@ -402,6 +402,7 @@ fn add(digest: Digest, value: &Value) -> Digest {
         Value::Scores(rows) => digest.text(&format!("{rows:?}")),
         Value::Samples(artifact) | Value::Model(artifact) | Value::Reliability(artifact) => digest.key(&artifact.hash),
         Value::Curve(curve) => digest.text(&format!("{curve:?}")),
+        Value::Number(number) => digest.text(&format!("{number:?}")),
     }
 }
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from numbers import Real
 from typing import Any
 
 import numpy as np
@@ -23,6 +24,7 @@ TYPES: dict[str, pa.StructType] = {
     "disparity": pa.struct([*_SIZE, pa.field("min_disparity", pa.int32()), pa.field("data", pa.list_(pa.int16())), pa.field("px", pa.list_(pa.float32()))]),
     "mask": pa.struct([*_SIZE, pa.field("data", pa.list_(pa.uint8()))]),
     "calibration": pa.struct([*_SIZE, *(pa.field(name, pa.float64()) for name in _CAMERA)]),
+    "number": pa.struct([pa.field("value", pa.float64())]),
     "curve": pa.struct([pa.field(name, pa.list_(pa.int64() if name == "step" else pa.float64())) for name in _CURVE]),
     **{name: pa.struct([*_SIZE, pa.field("data", pa.list_(pa.float32()))]) for name in ("depth", "relative-inverse-depth", "weight", "ground-truth-disparity")},
     **{name: pa.struct([pa.field("media_type", pa.string()), pa.field("data", pa.large_binary())]) for name in ("model", "samples", "reliability")},
@@ -37,6 +39,8 @@ def value(value_type: str, column: pa.StructArray) -> Any:
     part = {field.name: column.field(position) for position, field in enumerate(column.type)}
     if value_type == "calibration":
         return Calibration(**{name: values[0].as_py() for name, values in part.items()})
+    if value_type == "number":
+        return part["value"][0].as_py()
     if value_type in _MEDIA_TYPES:
         return part["data"][0].as_py()
     if value_type == "curve":
@@ -76,6 +80,10 @@ def column(value_type: str, item: Any) -> pa.StructArray:
         if not isinstance(item, Calibration):
             raise TypeError(f"is {_type_name(item)}, and a calibration is depthloom.Calibration(width, height, focal_px, cx_px, cy_px, baseline_m, doffs_px)")
         arrays = [pa.array([getattr(item, field.name)], field.type) for field in struct]
+    elif value_type == "number":
+        if isinstance(item, bool) or not isinstance(item, Real):
+            raise TypeError(f"is {_type_name(item)}, and a number is a float")
+        arrays = [pa.array([float(item)], pa.float64())]
     elif value_type in _MEDIA_TYPES:
         if not isinstance(item, (bytes, bytearray, memoryview)):
             raise TypeError(f"is {_type_name(item)}, and a {value_type} is bytes")

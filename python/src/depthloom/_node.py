@@ -74,6 +74,7 @@ def node(*, inputs: Mapping[str, str], outputs: Mapping[str, str]) -> Callable[[
     | `mask` | bool `(height, width)` |
     | `image` | uint8 `(height, width)`, grey, or `(height, width, 3)`, RGB |
     | `calibration` | :class:`depthloom.Calibration`: `width`, `height`, `focal_px`, `cx_px`, `cy_px`, `baseline_m`, `doffs_px` |
+    | `number` | `float` |
     | `model`, `samples` | bytes |
     | `curve` | a mapping of `step`, `loss`, `validation`, `learning_rate` to arrays |
 

@@ -78,7 +78,12 @@ pub(crate) fn put_port_value(
         Value::Scores(rows) => {
             return rows.iter().try_for_each(|row| part.small(port.channel, &ScoreMessage::encoded(&frame.id, row)));
         }
-        Value::Calibration(_) | Value::Samples(_) | Value::Model(_) | Value::Reliability(_) | Value::Curve(_) => {
+        Value::Calibration(_)
+        | Value::Samples(_)
+        | Value::Model(_)
+        | Value::Reliability(_)
+        | Value::Curve(_)
+        | Value::Number(_) => {
             let mut message = Vec::with_capacity(512);
             put_value(&mut message, stamp, value);
             return part.small(port.channel, &message);

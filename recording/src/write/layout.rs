@@ -263,6 +263,7 @@ impl FileLayout {
             ValueType::Depth | ValueType::RelativeInverseDepth | ValueType::Weight => Schema::FloatMap,
             ValueType::Calibration => Schema::CameraCalibration,
             ValueType::Scores => Schema::Score,
+            ValueType::Number => Schema::Number,
             ValueType::Samples | ValueType::Model | ValueType::Reliability | ValueType::Curve => {
                 let what = format!("values of type {value_type} are kept once a stage, not once a frame");
                 return Err(RecordingError::Plan { topic: output.topic.clone(), what });
@@ -420,7 +421,8 @@ fn metadata(run: &StageRun, slot: Slot, output: &PlannedOutput) -> BTreeMap<Stri
         | ValueType::Scores
         | ValueType::Samples
         | ValueType::Model
-        | ValueType::Reliability => "",
+        | ValueType::Reliability
+        | ValueType::Number => "",
     };
     let mut metadata = BTreeMap::from([
         ("stage".to_owned(), run.stage.clone()),

@@ -100,6 +100,10 @@ impl Topic {
             Schema::CurvePoint => self.take_curve_point(message),
             Schema::FloatMap => self.take_floats(message),
             Schema::FrameTransform => self.take_transform(message),
+            Schema::Number => {
+                self.crc.update(message);
+                Ok(())
+            }
         }
     }
 

@@ -5,9 +5,9 @@ use crate::fixture::{
     BEGINNING_NS, CURVE, curve, frame, key, model, plan, plan_of, record, record_aggregate_values, record_frame, values,
 };
 use depthloom_graphs::contracts::{Failure, Sink, Slot, Store, StoredState};
-use depthloom_graphs::plan::{FrameIndex, NodeId, PartId, PortId, RunId};
-use depthloom_graphs::values::{Curve, Pixels};
-use depthloom_graphs::{Key, Value};
+use depthloom_graphs::plan::{FrameIndex, NodeId, PartId, PlannedOutput, PortId, RunId};
+use depthloom_graphs::values::{Curve, Number, Pixels};
+use depthloom_graphs::{Key, Port, Value, ValueType};
 use depthloom_recording::{Condition, RecordedContent, Recorder, Recording, RecordingError};
 use depthloom_scores::ScoreRow;
 
@@ -41,6 +41,7 @@ fn assert_same(recorded: &Value, read: &Value) {
         (Value::Weight(a), Value::Weight(b)) => assert_eq!(bits(&a.share), bits(&b.share)),
         (Value::Mask(a), Value::Mask(b)) => assert_eq!(a, b),
         (Value::Calibration(a), Value::Calibration(b)) => assert_eq!(a, b),
+        (Value::Number(a), Value::Number(b)) => assert_eq!(a.value.to_bits(), b.value.to_bits()),
         (Value::Scores(a), Value::Scores(b)) => {
             assert_eq!(a.len(), b.len());
             for (a, b) in a.iter().zip(b.iter()) {
@@ -60,6 +61,30 @@ fn stored(recording: &Recording, key: &Key) -> Vec<(String, Option<Value>)> {
     let known =
         recording.find(key).expect("the key is known").into_iter().filter(|held| held.state != StoredState::NotKept);
     known.map(|held| (held.port.clone(), recording.value(key, &held.port).expect("it is readable"))).collect()
+}
+
+#[test]
+fn numbers_of_frames_come_back_bit_for_bit() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("recording.mcap");
+    let mut plan = plan();
+    let outputs = &mut plan.runs[0].nodes[2].outputs;
+    let port = Port::frame("version", ValueType::Number, "Which network computed this frame.");
+    outputs.push(PlannedOutput { port, topic: "/compare/edges/version".to_owned(), ..outputs[0].clone() });
+    let slot = Slot::Node { node: NodeId(2), port: PortId(2) };
+    let recorded = |index: u64| Value::from(Number { value: [0.0, -0.0, 0.1 + 0.2, 7.0][index as usize] });
+    let recorder = Recorder::create(&path, &plan).unwrap();
+    for index in 0..4 {
+        let mut of_frame = values(&frame(index), WIDTH, HEIGHT);
+        of_frame.push((slot, recorded(index)));
+        record_frame(&recorder, RunId(0), &frame(index), &of_frame, false);
+    }
+    recorder.finish(&[]).unwrap();
+    let recording = Recording::open(&path).unwrap();
+    for index in 0..4 {
+        let read = recording.value(&key(&frame(index), NodeId(2)), "version").unwrap().unwrap();
+        assert_same(&recorded(index), &read);
+    }
 }
 
 #[test]

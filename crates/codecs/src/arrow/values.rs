@@ -1,8 +1,8 @@
 //! Values as columns, and columns as values.
 
 use depthloom_graphs::values::{
-    Artifact, Calibration, Curve, CurvePoint, Depth, Disparity, Image, Mask, Pixels, Raster, RelativeInverseDepth,
-    TrueDisparity, Weight,
+    Artifact, Calibration, Curve, CurvePoint, Depth, Disparity, Image, Mask, Number, Pixels, Raster,
+    RelativeInverseDepth, TrueDisparity, Weight,
 };
 use depthloom_graphs::{Value, ValueType};
 use image::{GrayImage, ImageBuffer, Luma, RgbImage};
@@ -59,6 +59,7 @@ pub fn field(name: &str, value_type: ValueType) -> Option<Field> {
             let numbers = ["loss", "validation", "learning_rate"].map(|name| Field::new(name, list(F64)));
             [step].into_iter().chain(numbers).collect()
         }
+        ValueType::Number => vec![Field::new("value", F64)],
         ValueType::Scores => return None,
     };
     Some(Field::new(name, DataType::Struct(parts)).nullable().with_metadata(PORT_TYPE, value_type.name()))
@@ -106,6 +107,7 @@ pub fn data(value: &Value) -> Option<Data<'_>> {
                 numbers(|point| point.learning_rate),
             ])
         }
+        Value::Number(number) => Data::Struct(vec![Data::Float(number.value)]),
         Value::Scores(_) => return None,
     })
 }
@@ -202,6 +204,7 @@ pub fn value(value_type: ValueType, column: &View<'_>) -> Result<Value, String> 
             let points = step.iter().enumerate().map(point).collect::<Result<_, String>>()?;
             Curve { points }.into()
         }
+        ValueType::Number => Number { value: part("value")?.float()? }.into(),
         ValueType::Scores => return Err("rows of scores do not cross".to_owned()),
     })
 }
@@ -228,7 +231,8 @@ mod tests {
     use std::sync::Arc;
 
     use depthloom_graphs::values::{
-        Artifact, Calibration, Curve, CurvePoint, Depth, Disparity, Image, Mask, Pixels, Raster, TrueDisparity, Weight,
+        Artifact, Calibration, Curve, CurvePoint, Depth, Disparity, Image, Mask, Number, Pixels, Raster, TrueDisparity,
+        Weight,
     };
     use depthloom_graphs::{Value, ValueType};
     use image::{GrayImage, RgbImage};
@@ -261,6 +265,7 @@ mod tests {
             Value::Reliability(Arc::new(Artifact::reliability("{}".to_owned()))),
             Curve { points: vec![point(1, None), point(20, Some(0.25))] }.into(),
             Curve::default().into(),
+            Number { value: -0.0 }.into(),
         ]
     }
 

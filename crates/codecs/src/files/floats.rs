@@ -20,6 +20,7 @@ pub(super) fn floats(value: &Value) -> Option<Raster<f32>> {
         | Value::Samples(_)
         | Value::Model(_)
         | Value::Reliability(_)
-        | Value::Curve(_) => None,
+        | Value::Curve(_)
+        | Value::Number(_) => None,
     }
 }

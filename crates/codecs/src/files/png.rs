@@ -55,7 +55,8 @@ pub fn png(value: &Value) -> Result<Png, String> {
         | Value::Samples(_)
         | Value::Model(_)
         | Value::Reliability(_)
-        | Value::Curve(_) => {
+        | Value::Curve(_)
+        | Value::Number(_) => {
             return Err(format!("a value of type {} is not an image", value.value_type()));
         }
     };

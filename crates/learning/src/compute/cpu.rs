@@ -1,6 +1,6 @@
 //! Networks on the CPU.
 
-use std::sync::Mutex;
+use std::sync::{Arc, Mutex};
 
 use depthloom_kernels::convolve::{
     Gradients, ImageGradient, LayerScratch, Planes, before_activation, halve, halve_back,
@@ -15,9 +15,9 @@ use crate::networks::{Architecture, Parameter, ParameterLayout, Size};
 
 /// Computes a network for images of any size.
 #[derive(Debug)]
-pub(crate) struct Engine<'a, A> {
+pub(crate) struct Engine<A> {
     network: A,
-    layout: &'a ParameterLayout,
+    layout: Arc<ParameterLayout>,
     level: Level,
     /// One for each size of images that was seen.
     sizes: Vec<(Size, SizedNetwork)>,
@@ -47,9 +47,9 @@ struct Worker {
     slopes: Vec<Vec<f32>>,
 }
 
-impl<'a, A: Architecture> Engine<'a, A> {
-    pub(crate) fn new(network: A, layout: &'a ParameterLayout) -> Self {
-        Self { network, layout, level: Level::best(), sizes: Vec::new() }
+impl<A: Architecture> Engine<A> {
+    pub(crate) fn new(network: A, layout: &ParameterLayout) -> Self {
+        Self { network, layout: Arc::new(layout.clone()), level: Level::best(), sizes: Vec::new() }
     }
 
     /// The maps of a batch, batch x maps x rows x columns in [0, 1], with parameters in the order of the layout.
@@ -73,7 +73,7 @@ impl<'a, A: Architecture> Engine<'a, A> {
     fn sized(&mut self, [_, _, height, width]: [usize; 4]) -> &mut SizedNetwork {
         let size = Size { width, height };
         let found = self.sizes.iter().position(|(of, _)| *of == size).unwrap_or_else(|| {
-            let plan = Plan::new(self.network, size, self.layout);
+            let plan = Plan::new(self.network, size, &self.layout);
             self.sizes.push((size, SizedNetwork { plan, images: Vec::new(), workers: Mutex::default() }));
             self.sizes.len() - 1
         });
@@ -95,8 +95,7 @@ impl<'a, A: Architecture> Engine<'a, A> {
         }
         let area: usize = plan.maps.iter().map(Place::len).sum();
         let mut maps = vec![0.0; batch * area];
-        let places = maps.par_chunks_exact_mut(area).zip(input.values.par_chunks_exact(planes * height * width));
-        places.zip(images).with_max_len(1).for_each(|((maps, samples), image)| {
+        let compute = |maps: &mut [f32], samples: &[f32], image: &mut ImageValues| {
             with_worker(workers, |worker| {
                 let place = &plan.image;
                 place.planes.spread(samples, &mut image.buffers[place.buffer][place.samples()]);
@@ -110,12 +109,19 @@ impl<'a, A: Architecture> Engine<'a, A> {
                 map.planes.collect(&image.buffers[map.buffer][map.samples()], to);
                 rest = others;
             }
-        });
+        };
+        if let ([image], true) = (images.as_mut_slice(), batch == 1) {
+            // On the caller's thread: one image is one task, whatever threads there are.
+            compute(&mut maps, &input.values, image);
+            return maps;
+        }
+        let places = maps.par_chunks_exact_mut(area).zip(input.values.par_chunks_exact(planes * height * width));
+        places.zip(images).with_max_len(1).for_each(|((maps, samples), image)| compute(maps, samples, image));
         maps
     }
 
     fn backward(&mut self, input: &Input, slopes: &[f32]) -> Vec<Option<Vec<f32>>> {
-        let (level, layout) = (self.level, self.layout);
+        let (level, layout) = (self.level, Arc::clone(&self.layout));
         // Where each learned parameter's gradient lies among those of an image.
         let mut total = 0;
         let starts: Vec<Option<usize>> = layout
@@ -145,7 +151,7 @@ impl<'a, A: Architecture> Engine<'a, A> {
                         rest = others;
                     }
                     for operation in plan.operations.iter().rev() {
-                        operation.backward(level, layout, &starts, image, worker);
+                        operation.backward(level, &layout, &starts, image, worker);
                     }
                 });
             },

@@ -11,20 +11,20 @@ pub(crate) const VERSION: &str = "burn 0.22.1";
 
 /// Computes a network for images of any size.
 #[derive(Debug)]
-pub(crate) struct Engine<'a, A> {
+pub(crate) struct Engine<A> {
     network: A,
-    layout: &'a ParameterLayout,
+    layout: ParameterLayout,
     device: Device,
 }
 
-impl<'a, A: Architecture> Engine<'a, A> {
+impl<A: Architecture> Engine<A> {
     #[cfg(feature = "gpu")]
-    pub(crate) fn new(network: A, layout: &'a ParameterLayout) -> Self {
+    pub(crate) fn new(network: A, layout: &ParameterLayout) -> Self {
         Self::on(Device::wgpu(burn::tensor::DeviceKind::default()), network, layout)
     }
 
-    pub(crate) fn on(device: Device, network: A, layout: &'a ParameterLayout) -> Self {
-        Self { network, layout, device }
+    pub(crate) fn on(device: Device, network: A, layout: &ParameterLayout) -> Self {
+        Self { network, layout: layout.clone(), device }
     }
 
     /// The maps of a batch, batch x maps x rows x columns in [0, 1], with parameters in the order of the layout.

@@ -1,17 +1,16 @@
 //! `learn/samples`: images and confident disparities, collected at a network's size.
 
 use depthloom_graphs::contracts::{Contract, NodeDeclaration};
-use depthloom_graphs::values::{Artifact, Calibration, Disparity, Image, Mask, Pixels};
+use depthloom_graphs::values::{Artifact, Calibration, Image, Pixels};
 use depthloom_graphs::{Context, Fault, Frame, Inputs, Instance, Node, OrderedNode, Outputs, Port, Value, ValueType};
 use depthloom_kernels::resize::area_rgb8;
-use half::f16;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 use super::format::Form;
 use super::sample::Sample;
+use super::sampler::{Sampler, Sampling};
 use super::spool::Spool;
-use super::target::{Maps, Rule};
 
 /// Parameters of `learn/samples`.
 #[derive(Clone, Debug, Serialize, Deserialize, JsonSchema)]
@@ -39,9 +38,7 @@ impl Default for SamplesParams {
 }
 
 pub(crate) struct CollectSamples {
-    size: [u32; 2],
-    rule: Rule,
-    maps: Maps,
+    sampler: Sampler,
     spool: Spool,
     count: u64,
     /// Whether samples have a right image: settled by the first.
@@ -77,17 +74,7 @@ frames and on `size`, `least_disparity` and `coverage`.",
     }
 
     fn check(params: &SamplesParams) -> Result<(), (&'static str, String)> {
-        if params.size.iter().any(|side| !(1..=4096).contains(side)) {
-            return Err(("size", format!("size is {:?}, whose sides are not in 1..=4096", params.size)));
-        }
-        if !(0.0..=2048.0).contains(&params.least_disparity) {
-            let given = params.least_disparity;
-            return Err(("least_disparity", format!("least_disparity is {given} px, which is not in 0..=2048")));
-        }
-        if !(0.0..=1.0).contains(&params.coverage) {
-            return Err(("coverage", format!("coverage is {}, which is not in 0..=1", params.coverage)));
-        }
-        Ok(())
+        Sampling::new(params).check()
     }
 
     fn build(params: SamplesParams) -> Result<Instance, Fault> {
@@ -100,28 +87,25 @@ impl CollectSamples {
 
     fn new(params: &SamplesParams) -> Self {
         let bound = (params.memory_mb as usize).saturating_mul(1 << 20);
-        let rule = Rule { least_disparity_px: params.least_disparity, coverage: params.coverage };
-        let (maps, spool) = (Maps::default(), Spool::new(bound));
-        Self { size: params.size, rule, maps, spool, count: 0, has_right: None }
+        let sampler = Sampler::new(Sampling::new(params));
+        Self { sampler, spool: Spool::new(bound), count: 0, has_right: None }
     }
 
     const fn form(&self) -> Form {
         let has_right = matches!(self.has_right, Some(true));
-        Form { width: self.size[0], height: self.size[1], has_right, has_cells: false }
+        let [width, height] = self.sampler.size();
+        Form { width, height, has_right, has_cells: false }
     }
 
     /// The frame as a sample; `None` if it has no target.
     fn sample(&mut self, frame: &Frame, inputs: &Inputs<'_>) -> Result<Option<Sample>, Fault> {
         let image = inputs.get::<Image>("image")?;
-        let (disparity, mask) = (inputs.get::<Disparity>("target")?, inputs.get::<Mask>("mask")?);
         let right = inputs.optional::<Image>("right")?;
-        same_size(image, "target", disparity.sixteenths_px.dimensions())?;
-        same_size(image, "mask", mask.set.dimensions())?;
         if let Some(right) = right {
             same_size(image, "right", right.dimensions())?;
         }
-        let image_size = image.dimensions();
-        let image = small(self.size, "image", image)?;
+        let (size, image_size) = (self.sampler.size(), image.dimensions());
+        let planes = small(size, "image", image)?;
         let depth_scale = match inputs.optional::<Calibration>("calibration")? {
             Some(calibration) => Some(depth_scale(calibration, image_size.0)?),
             None => None,
@@ -130,13 +114,9 @@ impl CollectSamples {
             return Err(Fault::new("some frames have a right image and others do not")
                 .remedy("leave `right` unwired, or select only frames with a right image"));
         }
-        let (columns, rows) = (self.size[0] as usize, self.size[1] as usize);
-        let share = self.maps.target(disparity, Some(mask), self.rule, columns, rows);
-        if share.iter().all(|share: &f16| share.is_nan()) {
-            return Ok(None);
-        }
-        let right = right.map(|right| small(self.size, "right", right)).transpose()?;
-        Ok(Some(Sample { id: frame.id.to_string(), image, right, share, depth_scale, cells: None }))
+        let Some(sample) = self.sampler.sample(frame, inputs, planes, depth_scale)? else { return Ok(None) };
+        let right = right.map(|right| small(size, "right", right)).transpose()?;
+        Ok(Some(Sample { right, ..sample }))
     }
 
     fn bytes(&mut self) -> std::io::Result<std::sync::Arc<[u8]>> {
@@ -162,7 +142,7 @@ impl OrderedNode for CollectSamples {
 }
 
 /// The planes of red, green and blue at the network's size.
-pub(super) fn small(size: [u32; 2], port: &str, image: &Image) -> Result<Vec<u8>, Fault> {
+pub(crate) fn small(size: [u32; 2], port: &str, image: &Image) -> Result<Vec<u8>, Fault> {
     let (width, height) = image.dimensions();
     let [columns, rows] = size;
     if width < columns || height < rows {
@@ -202,7 +182,7 @@ pub(super) fn same_size(image: &Image, port: &str, (width, height): (u32, u32)) 
 }
 
 /// `f * B / width`, metres: with a share `s`, depth is this over `s`.
-pub(super) fn depth_scale(calibration: &Calibration, width: u32) -> Result<f64, Fault> {
+pub(crate) fn depth_scale(calibration: &Calibration, width: u32) -> Result<f64, Fault> {
     if calibration.doffs_px != 0.0 {
         let doffs_px = calibration.doffs_px;
         let what = format!(

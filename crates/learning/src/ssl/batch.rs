@@ -6,7 +6,7 @@ use depthloom_random::SplitMix64;
 use super::params::SslParams;
 
 #[derive(Debug, Default)]
-pub(super) struct Batch {
+pub(crate) struct Batch {
     pub(crate) count: usize,
     /// Batch x 3 x height x width, in [0, 1].
     pub(crate) images: Vec<f32>,

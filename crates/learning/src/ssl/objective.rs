@@ -12,7 +12,7 @@ use crate::networks::{Architecture, Size};
 use crate::samples::SamplesView;
 use crate::training::{Objective, Settings, Slopes};
 
-pub(super) struct SelfSupervision<'a> {
+pub(crate) struct SelfSupervision<'a> {
     params: &'a SslParams,
     /// Size of the network's map.
     map: Size,
@@ -21,7 +21,7 @@ pub(super) struct SelfSupervision<'a> {
 }
 
 impl<'a> SelfSupervision<'a> {
-    pub(super) const fn new(
+    pub(crate) const fn new(
         params: &'a SslParams,
         map: Size,
         samples: &'a SamplesView<'a>,

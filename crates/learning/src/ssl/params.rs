@@ -121,12 +121,12 @@ impl SslParams {
         }
     }
 
-    pub(super) const fn architecture(&self) -> Monocular {
+    pub(crate) const fn architecture(&self) -> Monocular {
         Monocular { network: self.network, spread: self.spread }
     }
 
     /// Whether network or loss use depth in metres.
-    pub(super) fn needs_depth(&self) -> bool {
+    pub(crate) fn needs_depth(&self) -> bool {
         self.loss == Loss::Depth || matches!(self.network.meaning(), Meaning::Depth { .. })
     }
 }

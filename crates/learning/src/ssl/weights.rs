@@ -21,7 +21,7 @@ pub(super) fn read(path: &Path) -> Result<Vec<NamedTensor>, Fault> {
 }
 
 /// Puts what the file has in place of the first values.
-pub(super) fn fill(
+pub(crate) fn fill(
     layout: &ParameterLayout,
     file: &[NamedTensor],
     path: &Path,
@@ -36,7 +36,7 @@ pub(super) fn fill(
 }
 
 /// The file's tensor of every parameter. Frozen parameters must be there; others may.
-pub(super) fn matched<'f>(
+pub(crate) fn matched<'f>(
     layout: &ParameterLayout,
     file: &'f [NamedTensor],
     path: &Path,

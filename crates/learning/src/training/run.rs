@@ -74,12 +74,43 @@ pub(crate) fn learn<O: Objective>(
     Ok((learned, Curve { points: training.points().to_vec() }))
 }
 
+/// Trains from a state until the objective's last step. Returns the state after it, with the parameters of that step.
+pub(crate) fn advance<O: Objective>(
+    objective: &O,
+    layout: &ParameterLayout,
+    state: State,
+    is_cancelled: &dyn Fn() -> bool,
+) -> Result<State, Fault> {
+    let mut training = Training::resume(objective, objective.network(), layout, state);
+    while !training.is_finished() {
+        if is_cancelled() {
+            return Err(Fault::Cancelled);
+        }
+        training.advance();
+        if training.has_diverged() {
+            return Err(diverged());
+        }
+    }
+    let state = training.into_state();
+    if state.values.iter().flatten().any(|value| !value.is_finite()) {
+        return Err(diverged());
+    }
+    Ok(state)
+}
+
 /// Runs a training on threads of its own, whose CPU time is added to that of the host.
 pub(crate) fn on_threads<T: Send>(batch: u32, host: &dyn Host, train: impl FnOnce() -> T + Send) -> Result<T, Fault> {
-    let pool = pool(host.width(), batch)?;
-    let learned = pool.install(train);
-    host.add_cpu_time(spent_ns(&pool));
+    let (learned, cpu_ns) = in_pool(host.width(), batch, train)?;
+    host.add_cpu_time(cpu_ns);
     Ok(learned)
+}
+
+/// Runs a training on at most `width` threads of its own. Returns their CPU time too, nanoseconds.
+pub(crate) fn in_pool<T: Send>(width: usize, batch: u32, train: impl FnOnce() -> T + Send) -> Result<(T, u64), Fault> {
+    let pool = pool(width, batch)?;
+    let learned = pool.install(train);
+    let cpu_ns = spent_ns(&pool);
+    Ok((learned, cpu_ns))
 }
 
 /// Refuses a `patience` without validation samples.

@@ -7,7 +7,7 @@ use crate::compute::Engine;
 use crate::networks::{Architecture, ParameterLayout};
 
 #[derive(Clone, Debug, Default, PartialEq)]
-pub(super) struct State {
+pub(crate) struct State {
     pub(crate) step: u64,
     /// By parameter, flat.
     pub(crate) values: Vec<Vec<f32>>,
@@ -22,7 +22,7 @@ pub(super) struct State {
 }
 
 #[derive(Clone, Debug, PartialEq)]
-pub(super) struct Best {
+pub(crate) struct Best {
     pub(crate) step: u64,
     pub(crate) error: f64,
     pub(crate) values: Vec<Vec<f32>>,
@@ -31,14 +31,14 @@ pub(super) struct Best {
 pub(super) struct Training<'a, O, A> {
     objective: &'a O,
     settings: Settings,
-    engine: Engine<'a, A>,
+    engine: Engine<A>,
     state: State,
     has_diverged: bool,
 }
 
 impl<'a, O: Objective, A: Architecture> Training<'a, O, A> {
     /// `network` is the objective's.
-    pub(super) fn resume(objective: &'a O, network: A, layout: &'a ParameterLayout, mut state: State) -> Self {
+    pub(super) fn resume(objective: &'a O, network: A, layout: &ParameterLayout, mut state: State) -> Self {
         state.moments.resize_with(layout.parameters.len(), Default::default);
         let (engine, settings) = (Engine::new(network, layout), objective.settings());
         Self { objective, settings, engine, state, has_diverged: false }
@@ -121,6 +121,10 @@ impl<'a, O: Objective, A: Architecture> Training<'a, O, A> {
 
     pub(super) const fn state(&self) -> &State {
         &self.state
+    }
+
+    pub(super) fn into_state(self) -> State {
+        self.state
     }
 
     /// The learned parameters: the best ones where there was validation, else the last.

@@ -62,7 +62,7 @@ pub fn schema(registry: &Registry) -> Json {
                         "type": "object",
                         "additionalProperties": false,
                         "properties": {
-                            "preset": { "enum": ["lean"], "description": "`lean` records inputs, disparities, metrics and trained networks; `topics` then adds to these, or leaves out with `!`. Without it, everything, or `topics`." },
+                            "preset": { "enum": ["lean"], "description": "`lean` records inputs, disparities, metrics, numbers and trained networks; `topics` then adds to these, or leaves out with `!`. Without it, everything, or `topics`." },
                             "topics": { "$ref": "#/$defs/patterns" },
                             "every": or_variable(json!({ "type": "integer", "minimum": 1, "description": "Record the first frame that a stage runs and every Nth after it, in running order. Metrics of all frames are recorded." })),
                             "view": or_variable(json!({ "type": "boolean", "description": "Also store small pictures of disparities, depths and weights, for viewers of MCAP files (default: true)." })),

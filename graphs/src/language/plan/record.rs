@@ -29,7 +29,7 @@ pub(crate) struct Recorded {
 #[derive(Clone, Copy, PartialEq, Eq)]
 enum Preset {
     Everything,
-    /// Inputs, disparities, metrics and aggregate values: what other values can be recomputed from, and what is costly
+    /// Inputs, disparities, metrics, numbers and aggregate values: what other values can be recomputed from, and what is costly
     /// to recompute.
     Lean,
     Nothing,
@@ -37,13 +37,13 @@ enum Preset {
 
 impl Preset {
     fn keeps(self, node: &str, port: &Port) -> bool {
-        use ValueType::{Disparity, Scores, TrueDisparity};
+        use ValueType::{Disparity, Number, Scores, TrueDisparity};
         match self {
             Self::Everything => true,
             Self::Lean => {
                 node == "source"
                     || port.rate == Rate::Once
-                    || matches!(port.value_type, Disparity | TrueDisparity | Scores)
+                    || matches!(port.value_type, Disparity | TrueDisparity | Scores | Number)
             }
             Self::Nothing => false,
         }
@@ -205,8 +205,7 @@ fn setting(entry: &Entry, recording: &mut Recorded, report: &mut Report) {
         }
         ("preset", Tree::Text(text)) if text == "lean" => recording.preset = Preset::Lean,
         ("preset", _) => {
-            let help =
-                "`preset: lean` records inputs, disparities, metrics and trained networks; `topics` adds to them";
+            let help = "`preset: lean` records inputs, disparities, metrics, numbers and trained networks; `topics` adds to them";
             report.push(entry.not_a("`lean`").help(help));
         }
         ("every", Tree::Number(number)) => match number.as_u64() {
