@@ -58,7 +58,7 @@ pub enum Schema {
 
 impl Schema {
     /// All of them.
-    pub const ALL: [Self; 10] = [
+    pub const ALL: [Self; 11] = [
         Self::CompressedImage,
         Self::RawImage,
         Self::CameraCalibration,

@@ -353,7 +353,10 @@ impl<'a> Builder<'a> {
         let mut inputs = Vec::with_capacity(signature.inputs.len());
         for port in &signature.inputs {
             let wired = recorded.inputs.iter().find(|input| input.port == port.name);
-            let feed = wired.map_or(Ok(Feed::Nothing), |input| self.feed(node, input))?;
+            let feed = match wired.map_or(Ok(Feed::Nothing), |input| self.feed(node, input))? {
+                Feed::Nothing => repeated(recorded, port),
+                feed => feed,
+            };
             if let Feed::Made { node, .. } = &feed {
                 remarks.push(format!("reads `{}` recomputed, which is not recorded", self.node(*node).name));
             }
@@ -431,6 +434,13 @@ impl MadeRun {
             self.topics.len() - 1
         }))
     }
+}
+
+/// The recorded output that an unwired input repeats.
+fn repeated(recorded: &RecordedNode, input: &Port) -> Feed {
+    let output = recorded.outputs.iter().find(|output| Some(output.port.as_str()) == input.repeats);
+    let output = output.filter(|output| output.recorded && !output.once);
+    output.map_or(Feed::Nothing, |output| Feed::Topic(output.topic.clone()))
 }
 
 /// Whether a node still fits its kind, by contract and ports.

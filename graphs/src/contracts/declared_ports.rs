@@ -71,7 +71,7 @@ impl DeclaredPorts {
 fn ports(declared: &BTreeMap<String, DeclaredPort>) -> Vec<Port> {
     let port = |(name, port): (&String, &DeclaredPort)| {
         let DeclaredPort { value_type, rate, optional } = *port;
-        Port { name: Port::intern(name), value_type, rate, optional, doc: "" }
+        Port { name: Port::intern(name), value_type, rate, optional, repeats: None, doc: "" }
     };
     declared.iter().map(port).collect()
 }

@@ -66,6 +66,9 @@ pub struct Port {
     ///
     /// A node whose required input is absent on a frame does not run on it; that is not a failure.
     pub optional: bool,
+    /// Of an input, the output of the same node whose recorded values it takes where the node is recomputed from a
+    /// recording: what the timing of a live run decided is then repeated.
+    pub repeats: Option<&'static str>,
     /// One sentence: shape, unit, meaning.
     pub doc: &'static str,
 }
@@ -73,12 +76,12 @@ pub struct Port {
 impl Port {
     /// A required port that carries a value for every frame.
     pub const fn frame(name: &'static str, value_type: ValueType, doc: &'static str) -> Self {
-        Self { name, value_type, rate: Rate::Frame, optional: false, doc }
+        Self { name, value_type, rate: Rate::Frame, optional: false, repeats: None, doc }
     }
 
     /// A required port that carries one value for the stage.
     pub const fn once(name: &'static str, value_type: ValueType, doc: &'static str) -> Self {
-        Self { name, value_type, rate: Rate::Once, optional: false, doc }
+        Self { name, value_type, rate: Rate::Once, optional: false, repeats: None, doc }
     }
 
     /// The text with the lifetime of the program, for ports that a file declares. Equal texts are stored once.
@@ -96,6 +99,12 @@ impl Port {
     /// Whether a file can be the value of this input.
     pub fn takes_file(&self) -> bool {
         self.rate == Rate::Once && self.value_type.is_artifact()
+    }
+
+    /// The same port, which repeats recorded values of this output; see [`Port::repeats`](field@Port::repeats).
+    #[must_use]
+    pub const fn repeats(self, output: &'static str) -> Self {
+        Self { repeats: Some(output), ..self }
     }
 
     /// The same port, optional.

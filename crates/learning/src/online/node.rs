@@ -80,6 +80,7 @@ unfinished round is cancelled at the end.",
                 Port::frame("calibration", ValueType::Calibration, "Focal length and baseline."),
                 Port::once("model", ValueType::Model, "The first network, ONNX, with the same `network`.").optional(),
                 Port::frame("schedule", ValueType::Number, "The recorded `version` of an earlier run, to repeat it.")
+                    .repeats("version")
                     .optional(),
             ],
             outputs: vec![
