@@ -43,7 +43,8 @@ pub struct LiveOptions {
     pub no_drop: bool,
     /// The latency that a frame should not exceed.
     pub deadline: Option<Duration>,
-    /// Frames in flight; without it, the smallest window that keeps the rate, up to [`Options::window`](crate::Options).
+    /// Frames in flight; without it, at most [`Options::window`](field@crate::Options::window), and under overload the
+    /// smallest number that keeps the rate.
     pub window: Option<usize>,
 }
 

@@ -148,7 +148,7 @@ fn every_frame_is_processed_or_counted_as_dropped_and_the_newest_wins() {
     assert!(live.drops.graph > 0, "{live:?}");
     assert_eq!(live.bottleneck.as_ref().map(|(label, _)| label.as_str()), Some("sleeper"));
     let (_, misses) = live.deadline.expect("there is a deadline");
-    assert_eq!(misses, live.processed - 1, "all but the first frame, which does not count");
+    assert_eq!(misses, live.processed - 1, "the first frame is not counted");
     // Indices count dropped frames, so that gaps and counts agree. The first frame's successors are not counted.
     for pair in commits.windows(2).skip(1) {
         assert_eq!(pair[1].0 - pair[0].0, 1 + pair[1].1.drops.total(), "{pair:?}");

@@ -13,10 +13,9 @@ use crate::completion::folders;
 #[derive(Debug, Args)]
 #[command(after_long_help = examples![
     guide: "how-to/robot.md",
-    "live onboard.yaml" => "its last stage, at the time stamps of its source, until Ctrl-C",
-    "live onboard.yaml --rate 25 --for 20s --deadline 60ms" => "a data set as a camera, with a deadline",
-    "live onboard.yaml --rate 60 --allow-drops" => "more than the machine can process",
-    "live camera.yaml --allow-exec --keep 30s --on SIGUSR1" => "keep 30 s whenever the signal comes",
+    "live first.yaml --allow-drops" => "its last stage, at the time stamps of its source",
+    "live first.yaml --rate 25 --for 20s --deadline 60ms --no-drop" => "a data set as a camera, with a deadline",
+    "live first.yaml --allow-drops --keep 30s --on SIGUSR1" => "write the last 30 s when the signal arrives",
 ])]
 pub(crate) struct LiveArgs {
     #[command(flatten)]
@@ -60,7 +59,7 @@ pub(crate) struct LiveArgs {
 
     /// Score the estimates, if the source has ground truth.
     ///
-    /// Without it, ground truth is hidden, as a camera has none.
+    /// Without it, ground truth is hidden: a camera does not measure it.
     #[arg(long)]
     pub scores: bool,
 
@@ -120,7 +119,7 @@ pub(crate) struct LiveArgs {
 
     /// Limit the frames in flight (default: workers + 2).
     ///
-    /// Without the option, fewer are in flight while frames are dropped, as long as that keeps the rate: then latency is
+    /// Without the option, fewer are in flight while frames are dropped, as long as that keeps the rate. Latency is then
     /// lower.
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u16).range(1..=4096))]
     pub window: Option<u16>,

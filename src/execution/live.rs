@@ -1,7 +1,7 @@
 //! The execution of a live run: from a stream to a recording, latencies and an exit code.
 
-mod kept;
 mod output;
+mod ring;
 mod sink;
 
 use std::path::PathBuf;
@@ -64,7 +64,7 @@ pub(crate) fn carry_out(
     let found = std::mem::take(&mut ready.warnings);
     print_warnings(args, &found);
     let mut finished = match args.keep {
-        Some(window) => kept::run_kept(args, window, &plan, ready, live, interrupt)?,
+        Some(window) => ring::run_ring(args, window, &plan, ready, live, interrupt)?,
         None if args.no_record => run_unrecorded(args, &plan, ready, live, interrupt)?,
         None => run_recorded(args, loaded, &plan, ready, live, interrupt)?,
     };

@@ -28,11 +28,12 @@ enum Need {
 type Script = (&'static str, &'static [&'static str], Need, &'static str, &'static [&'static str]);
 
 /// Each script with the arguments for its smallest size.
-const SCRIPTS: [Script; 11] = [
+const SCRIPTS: [Script; 12] = [
     ("ablation", &["1", "1"], Need::PythonAndShared, "ratio ablation-2t ", &[]),
     ("analysis", &["--samples", "1000", "--rounds", "1"], Need::Python, "ratio analysis-polars ", &[]),
     ("fusion", &["--frames", "150", "--rounds", "1"], Need::PythonAndShared, "ratio fusion-1t ", &["fusion_chain"]),
     ("learning", &["--rounds", "1", "--steps", "1"], Need::TensorFlow, "ratio step-1t ", &["steps"]),
+    ("live", &["--seconds", "1", "--steps", "1", "--frames", "2"], Need::Python, "ratio live-rate ", &[]),
     ("newcomer", &["2"], Need::Packaging, "newcomer wheel first-table ", &[]),
     (
         "onnx",

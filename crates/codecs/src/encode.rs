@@ -46,9 +46,10 @@ struct RawImage<'a> {
     samples: Samples<'a>,
 }
 
-/// Appends the message of a raster, a calibration or a number, and returns its schema: images with their file's bytes become a
-/// `foxglove.CompressedImage`; depths, weights, disparities not in whole 1/16 px and ground truth not in whole 1/256 px
-/// a `depthloom.FloatMap`; other rasters a `foxglove.RawImage`; numbers a `depthloom.Number`. [`decode::value`](crate::decode::value) reads it back.
+/// Appends the message of a raster, a calibration or a number, and returns its schema: images with their file's bytes
+/// become a `foxglove.CompressedImage`; depths, weights, disparities not in whole 1/16 px and ground truth not in whole 1/256 px
+/// a `depthloom.FloatMap`; other rasters a `foxglove.RawImage`; numbers a `depthloom.Number`.
+/// [`decode::value`](crate::decode::value) reads it back.
 ///
 /// # Errors
 /// If the value is of another type (scores and curves are one message per row ([`messages`](crate::messages)), samples

@@ -50,7 +50,7 @@ pub enum Schema {
     FrameTransform,
     /// Points of a depth.
     PointCloud,
-    /// What closes a frame of a live run: as [`Schema::Commit`], which other recordings keep unchanged, and with `live`.
+    /// What closes a frame of a live run: [`Schema::Commit`], which other recordings keep unchanged, with `live`.
     LiveCommit,
     /// A number of a frame.
     Number,

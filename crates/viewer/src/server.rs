@@ -55,8 +55,8 @@ impl Server {
         channel.is_some_and(|channel| channel.has_sinks())
     }
 
-    /// Passes a message to the clients of its channel, and returns whether there are any. The first message of a channel
-    /// advertises it.
+    /// Passes a message to the clients of its channel, and returns whether there are any. The first message of a
+    /// channel advertises it.
     pub(crate) fn publish(
         &self,
         encoder: &MessageEncoder,

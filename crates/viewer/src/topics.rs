@@ -31,8 +31,8 @@ impl SlotTopics {
 /// By stage run and slot.
 pub(crate) type Topics = BTreeMap<(RunId, Slot), SlotTopics>;
 
-/// The topics that match one of the patterns: as a recording names them, or as the plan does. A value's topic stands for
-/// its preview and its camera's topics too. Without patterns, all topics match.
+/// The topics that match one of the patterns: as a recording names them, or as the plan does. A value's topic stands
+/// for its preview and its camera's topics too. Without patterns, all topics match.
 ///
 /// # Errors
 /// If a pattern matches no topic.

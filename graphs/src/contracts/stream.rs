@@ -29,7 +29,7 @@ pub enum NextFrame {
     Ended,
 }
 
-/// A source whose frames cannot be asked for: each arrives once, when its time has come.
+/// A source whose frames cannot be listed: each arrives once, when it is captured.
 pub trait StreamingSource: Send {
     /// Waits for the next frame, at most until the deadline. The stream's end is final.
     ///

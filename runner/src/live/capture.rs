@@ -12,7 +12,7 @@ use crate::interrupt::Interrupt;
 /// The longest wait before the thread looks whether it has to end.
 const PATIENCE: Duration = Duration::from_millis(50);
 
-/// Captures frames into the mailbox until the stream ends, its time is over, or the run ends.
+/// Captures frames into the mailbox until the stream or its duration ends, or the run ends.
 pub(crate) fn capture(
     stream: &mut dyn StreamingSource,
     mailbox: &Mailbox,

@@ -49,7 +49,7 @@ impl Meter {
     }
 
     pub(crate) fn add(&mut self, ns: u64) {
-        // Zero cannot be told from one. The histogram grows as needed.
+        // The smallest value of the histogram is 1. It grows as needed.
         self.histogram.record(ns.max(1)).expect("it grows");
         self.differences_ns = self.differences_ns.saturating_add(self.last_ns.map_or(0, |last| last.abs_diff(ns)));
         self.last_ns = Some(ns);
@@ -129,7 +129,7 @@ impl Meters {
         self.summary(|pair| &pair.all)
     }
 
-    /// Since the last call, and starts anew.
+    /// Since the last call. Resets what is returned.
     pub(crate) fn take_lately(&mut self) -> (Latency, Vec<StepLatency>) {
         let lately = (self.frames.lately.latency(), self.summary(|pair| &pair.lately));
         self.frames.lately.reset();

@@ -19,7 +19,7 @@ pub(crate) struct Mailbox {
     taken: Condvar,
     /// Has a message when a frame was put in, or the stream has ended.
     arrivals: (Sender<()>, Receiver<()>),
-    /// The frames in the nodes. While there are none, the writer alone holds frames up.
+    /// The number of frames in the nodes. While it is 0, only the writer holds frames up.
     processing: Arc<AtomicUsize>,
     closed: AtomicBool,
 }
@@ -88,7 +88,7 @@ impl Mailbox {
         self.signal();
     }
 
-    /// Waits until the frame has been taken, or the run has ended, or `stops` says so.
+    /// Waits until the frame has been taken, or the run has ended, or `stops` returns true.
     pub(crate) fn wait_until_taken(&self, stops: impl Fn() -> bool) {
         self.wait(|state| state.waiting.is_none(), stops);
     }

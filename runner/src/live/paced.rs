@@ -11,7 +11,7 @@ use depthloom_graphs::{Outputs, Source, SourceOutputs};
 /// When frames are due.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Pace {
-    /// So many frames per second.
+    /// This number of frames per second.
     Rate(f64),
     /// At their time stamps, counted from the first frame.
     TimeStamps,

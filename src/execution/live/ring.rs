@@ -19,7 +19,7 @@ use crate::output::live::Messages;
 use crate::signals;
 
 /// Runs with a ring in memory.
-pub(super) fn run_kept(
+pub(super) fn run_ring(
     args: &LiveArgs,
     window: Duration,
     plan: &Plan,
