@@ -119,8 +119,8 @@ pub(crate) struct LiveArgs {
 
     /// Limit the frames in flight (default: workers + 2).
     ///
-    /// Without the option, fewer are in flight while frames are dropped, as long as that keeps the rate. Latency is then
-    /// lower.
+    /// Without the option, fewer are in flight while frames are dropped, as long as that keeps the rate. Latency is
+    /// then lower.
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u16).range(1..=4096))]
     pub window: Option<u16>,
 

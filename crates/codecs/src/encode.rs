@@ -46,9 +46,9 @@ struct RawImage<'a> {
     samples: Samples<'a>,
 }
 
-/// Appends the message of a raster, a calibration or a number, and returns its schema: images with their file's bytes
-/// become a `foxglove.CompressedImage`; depths, weights, disparities not in whole 1/16 px and ground truth not in whole 1/256 px
-/// a `depthloom.FloatMap`; other rasters a `foxglove.RawImage`; numbers a `depthloom.Number`.
+/// Appends the message of a raster, a calibration or a number, and returns its schema. Images with their file's bytes
+/// become a `foxglove.CompressedImage`. Depths, weights, disparities not in whole 1/16 px and ground truth not in whole
+/// 1/256 px become a `depthloom.FloatMap`, other rasters a `foxglove.RawImage`, numbers a `depthloom.Number`.
 /// [`decode::value`](crate::decode::value) reads it back.
 ///
 /// # Errors

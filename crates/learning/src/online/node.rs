@@ -67,8 +67,8 @@ starts with sample number `first`. Its network replaces the current one `period`
 **Versions.** `version` is the number of the network that computed a frame. Version 0 is `model`, an ONNX file of `learn/ssl` or `learn/online` with the same \
 `network`. Without `model`, version 0 is an untrained network, and its frames have no `depth`. `depth` is what `mono/onnx` computes from the network's file.\n\n\
 **Runs that wait.** If a round is not finished when its network is due, the node waits. The outputs then depend only on the frames and the parameters.\n\n\
-**Live runs.** A live run never waits. A network whose training takes longer is put into use on the first frame after that, and the cache keys of \
-the outputs from the due frame on differ from those of a run that waits.\n\n\
+**Live runs.** A live run never waits. If training takes longer, the network is put into use on the first frame after it has finished. \
+From the due frame on, the cache keys of the outputs then differ from those of a run that waits.\n\n\
 **Replay.** Record `version` in the live run. A run over the recording that wires the recorded `version` to `schedule` (for example `source/online.version`) replaces \
 networks on the same frames. It gives the same networks and depths, bit for bit. `schedule` also makes a live run wait.\n\n\
 The outputs `model` and `curve` are those of the last network in use. The curve has one point per version: the mean training loss of its round. An \

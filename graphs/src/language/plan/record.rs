@@ -29,8 +29,8 @@ pub(crate) struct Recorded {
 #[derive(Clone, Copy, PartialEq, Eq)]
 enum Preset {
     Everything,
-    /// Inputs, disparities, metrics, numbers and aggregate values: what other values can be recomputed from, and what is
-    /// costly to recompute.
+    /// Inputs, disparities, metrics, numbers and aggregate values: what other values can be recomputed from, and what
+    /// is costly to recompute.
     Lean,
     Nothing,
 }
