@@ -33,7 +33,8 @@ fn bench(frames: u64) -> Bench {
 
 fn played(frames: u64, rate: f64, no_drop: bool) -> Box<dyn StreamingSource> {
     let playback = Playback { pace: Pace::Rate(rate), preload: 0, repeat: false, no_drop, hidden: Vec::new() };
-    Box::new(Paced::new(Box::new(Numbers::new(frames)), playback).expect("it has frames"))
+    let paced = Paced::new(Box::new(Numbers::new(frames)), playback, &Interrupt::default());
+    Box::new(paced.expect("it has frames"))
 }
 
 fn live(stream: Box<dyn StreamingSource>, options: LiveOptions) -> Live {

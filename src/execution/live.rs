@@ -17,7 +17,7 @@ use depthloom_recording::{Recorder, Recording};
 use depthloom_runner::{Audit, Interrupt, Live, LiveReport, Options, Report, run_live};
 use depthloom_runs::environment::{self, ENVIRONMENT};
 use depthloom_runs::run_folder::RunFolder;
-use depthloom_runs::{GitState, LIVE, RECORDING, TIMINGS, models, reuse, run_failed, write_timings};
+use depthloom_runs::{GitState, LIVE, RECORDING, TIMINGS, models, partial_with, reuse, run_failed, write_timings};
 use depthloom_terminal::{CliError, ExitCode, print, print_path, say};
 use depthloom_viewer::{ServeAddress, Viewer, ViewerSink};
 
@@ -205,6 +205,13 @@ fn run_recorded(
     let written = plan.written.iter().map(|(_, text)| text.as_str());
     let git = GitState::of_files(read.iter().map(PathBuf::as_path).zip(written));
     let runs = args.folder.path();
+    let partial = args.out.as_deref().and_then(depthloom_durable::partial_name).filter(|_| !args.overwrite);
+    let has_frames =
+        |partial: &PathBuf| Recording::open(partial.join(RECORDING)).is_ok_and(|recording| !recording.is_empty());
+    if let Some(partial) = partial.filter(has_frames) {
+        let what = format!("{} has frames of a run that ended early, and a live run cannot resume", partial.display());
+        return Err(CliError::usage(what, "choose another --out, or replace it with --overwrite"));
+    }
     let request = FolderRequest {
         out: args.out.as_deref(),
         overwrite: args.overwrite,

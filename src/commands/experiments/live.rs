@@ -4,8 +4,8 @@ use depthloom_graphs::contracts::{Slot, StreamingSource};
 use depthloom_graphs::language::nearest;
 use depthloom_graphs::plan::{Plan, RunId};
 use depthloom_graphs::ready::{LiveInput, Ready};
-use depthloom_graphs::{Rate, Registry, counted};
-use depthloom_runner::{Live, LiveOptions, Pace, Paced, Playback};
+use depthloom_graphs::{Fault, Rate, Registry, counted};
+use depthloom_runner::{Interrupt, Live, LiveOptions, Pace, Paced, Playback};
 use depthloom_terminal::{CliError, ExitCode};
 
 use crate::allow_exec;
@@ -23,16 +23,16 @@ pub(crate) fn live(args: &LiveArgs, registry: &Registry) -> Result<ExitCode, Cli
     let run = run_of(&loaded.plan, args.stage.as_deref())?;
     let hidden = record_only(&mut loaded.plan, run, args.scores);
     allow_exec::decide(args.exec, Some((&args.experiment.experiment, &loaded)))?;
+    let interrupt = signals::listen("stopping: the stream ends, frames in flight are finished")?;
     let (ready, input) =
         Ready::live(loaded.plan.clone(), registry, run).map_err(|missing| CliError::of_missing(&missing))?;
-    let stream = stream(args, input, hidden, &loaded.plan.runs[run].source.name)?;
+    let stream = stream(args, input, hidden, &loaded.plan.runs[run].source.name, &interrupt)?;
     let options = LiveOptions {
         duration: args.duration,
         no_drop: args.no_drop,
         deadline: args.deadline,
         window: args.window.map(usize::from),
     };
-    let interrupt = signals::listen("stopping: the stream ends, frames in flight are finished")?;
     carry_out(args, loaded, ready, Live { run, stream, options }, &interrupt)
 }
 
@@ -92,6 +92,7 @@ fn stream(
     input: LiveInput,
     hidden: Vec<&'static str>,
     name: &str,
+    interrupt: &Interrupt,
 ) -> Result<Box<dyn StreamingSource>, CliError> {
     let source = match input {
         LiveInput::Listed(source) => source,
@@ -106,10 +107,10 @@ fn stream(
     };
     let pace = args.rate.map_or(Pace::TimeStamps, Pace::Rate);
     let (preload, repeat, no_drop) = (args.preload, args.repeat, args.no_drop);
-    let paced = Paced::new(source, Playback { pace, preload, repeat, no_drop, hidden });
-    let paced = paced.map_err(|fault| {
-        let what = format!("source `{name}`");
-        CliError::remedied(ExitCode::Engine, &what, &fault)
+    let paced = Paced::new(source, Playback { pace, preload, repeat, no_drop, hidden }, interrupt);
+    let paced = paced.map_err(|fault| match fault {
+        Fault::Cancelled => CliError::new(ExitCode::Interrupted, "interrupted before the first frame"),
+        fault @ Fault::Failed(_) => CliError::remedied(ExitCode::Usage, format!("source `{name}`"), &fault),
     })?;
     Ok(Box::new(paced))
 }
