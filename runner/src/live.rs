@@ -26,7 +26,7 @@ pub(crate) use window::WindowControl;
 
 /// The stage that runs live, and its stream.
 pub struct Live {
-    /// The stage. Those before it run as usual, those after it as well.
+    /// The stage. The others run as usual.
     pub run: RunId,
     /// Its frames.
     pub stream: Box<dyn StreamingSource>,

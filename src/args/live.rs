@@ -23,7 +23,8 @@ pub(crate) struct LiveArgs {
 
     /// Run this stage live (default: the last one).
     ///
-    /// Stages before it run first, or their networks are reused from earlier runs. Their maps are not recorded.
+    /// Stages before it run first, or their networks are reused from earlier runs. Their maps are not recorded. Stages
+    /// after it do not run.
     #[arg(long, value_name = "STAGE")]
     pub stage: Option<String>,
 

@@ -17,11 +17,12 @@ use depthloom_recording::{Recorder, Recording};
 use depthloom_runner::{Audit, Interrupt, Live, LiveReport, Options, Report, run_live};
 use depthloom_runs::environment::{self, ENVIRONMENT};
 use depthloom_runs::run_folder::RunFolder;
-use depthloom_runs::{GitState, LIVE, RECORDING, TIMINGS, models, partial_with, reuse, run_failed, write_timings};
+use depthloom_runs::{GitState, LIVE, RECORDING, TIMINGS, models, reuse, run_failed, write_timings};
 use depthloom_terminal::{CliError, ExitCode, print, print_path, say};
 use depthloom_viewer::{ServeAddress, Viewer, ViewerSink};
 
 pub(crate) use self::output::LiveOutput;
+pub(crate) use self::ring::RingTrigger;
 pub(crate) use self::sink::LatestMap;
 use self::sink::{LiveSink, Storage};
 use super::early_end::EarlyEnd;
@@ -58,13 +59,14 @@ pub(crate) fn carry_out(
     mut ready: Ready,
     live: Live,
     interrupt: &Interrupt,
+    trigger: Option<&RingTrigger>,
 ) -> Result<ExitCode, CliError> {
     let plan = ready.plan.clone();
     let stage = plan.runs[live.run].stage.clone();
     let found = std::mem::take(&mut ready.warnings);
     print_warnings(args, &found);
-    let mut finished = match args.keep {
-        Some(window) => ring::run_ring(args, window, &plan, ready, live, interrupt)?,
+    let mut finished = match args.keep.zip(trigger) {
+        Some(kept) => ring::run_ring(args, kept, &plan, ready, live, interrupt)?,
         None if args.no_record => run_unrecorded(args, &plan, ready, live, interrupt)?,
         None => run_recorded(args, loaded, &plan, ready, live, interrupt)?,
     };
@@ -83,7 +85,7 @@ pub(crate) fn carry_out(
             print(report::summary(summary, out))?;
         }
         if let Some(out) = &finished.out {
-            print_path("run: ", out)?;
+            print_path(if args.keep.is_some() { "kept in: " } else { "run: " }, out)?;
         }
     }
     Ok(incomplete.map_or(ExitCode::Success, |stop| {
@@ -205,7 +207,7 @@ fn run_recorded(
     let written = plan.written.iter().map(|(_, text)| text.as_str());
     let git = GitState::of_files(read.iter().map(PathBuf::as_path).zip(written));
     let runs = args.folder.path();
-    let partial = args.out.as_deref().and_then(depthloom_durable::partial_name).filter(|_| !args.overwrite);
+    let partial = args.out.as_deref().map(depthloom_durable::partial_name).filter(|_| !args.overwrite);
     let has_frames =
         |partial: &PathBuf| Recording::open(partial.join(RECORDING)).is_ok_and(|recording| !recording.is_empty());
     if let Some(partial) = partial.filter(has_frames) {
@@ -268,6 +270,7 @@ fn write_files(
     let checkpoints = ran.checkpoints.clone();
     let mut finished = finished(args, plan, ran, failed_programs)?;
     finished.has_printed = has_printed;
+    finished.out = Some(folder.out.clone());
     let recording = Recording::open(folder.file(RECORDING))
         .map_err(|error| CliError::remedied(ExitCode::Engine, "failed to read the recording back", &error))?;
     models::write(&recording, &folder.partial)?;

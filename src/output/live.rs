@@ -43,6 +43,7 @@ pub(crate) struct LiveProgress {
     before: Progress,
     run: RunId,
     stage: String,
+    source: String,
     nodes: Vec<String>,
     is_silent: bool,
     messages: Messages,
@@ -75,6 +76,7 @@ impl LiveProgress {
             before: Progress::new(plan, is_silent),
             run,
             stage: stage.stage.clone(),
+            source: stage.source.name.clone(),
             nodes: stage.nodes.iter().map(|node| node.name.clone()).collect(),
             is_silent,
             messages,
@@ -83,7 +85,7 @@ impl LiveProgress {
     }
 
     fn node(&self, node: Option<NodeId>) -> &str {
-        node.map_or(Some("source"), |node| self.nodes.get(node.0).map(String::as_str)).unwrap_or_default()
+        node.map_or(Some(self.source.as_str()), |node| self.nodes.get(node.0).map(String::as_str)).unwrap_or_default()
     }
 
     /// Prints a line, or shows it as the last message of the display.

@@ -168,6 +168,21 @@ fn dropped(live: &LiveReport) -> String {
     }
 }
 
+/// By percentile, the largest latency of several steps.
+fn slowest(steps: &[&StepLatency]) -> Latency {
+    steps.iter().fold(Latency::default(), |most, step| {
+        let Latency { count, p50_ns, p95_ns, p99_ns, max_ns, jitter_ns } = step.latency;
+        Latency {
+            count: most.count.max(count),
+            p50_ns: most.p50_ns.max(p50_ns),
+            p95_ns: most.p95_ns.max(p95_ns),
+            p99_ns: most.p99_ns.max(p99_ns),
+            max_ns: most.max_ns.max(max_ns),
+            jitter_ns: most.jitter_ns.max(jitter_ns),
+        }
+    })
+}
+
 fn table(live: &LiveReport) -> String {
     let number = |ns: u64| format!("{:.1}", ms(ns));
     let row = |name: &str, latency: &Latency, wall: String| {
@@ -177,13 +192,15 @@ fn table(live: &LiveReport) -> String {
     };
     let mut rows = vec![["", "p50", "p95", "p99", "max", "jitter", "own time"].map(str::to_owned)];
     rows.push(row("estimates", &live.frames, String::new()));
-    // The recording has several parts: the latency is that of the last one, the own time that of all.
-    let encoded = live.steps.iter().filter(|step| matches!(step.phase, Phase::Encode(_)));
-    let last = encoded.max_by_key(|step| step.latency.p50_ns).map(|step| step.phase);
+    // The recording has several parts: the latency is that of the slowest one, the own time that of all.
+    let parts: Vec<&StepLatency> = live.steps.iter().filter(|step| matches!(step.phase, Phase::Encode(_))).collect();
+    let mut is_encoded = false;
     for step in &live.steps {
-        if !matches!(step.phase, Phase::Encode(_)) || Some(step.phase) == last {
-            let parts = live.steps.iter().filter(|part| part.label == step.label);
-            rows.push(row(&step.label, &step.latency, number(parts.map(|part| part.median_wall_ns).sum())));
+        if !matches!(step.phase, Phase::Encode(_)) {
+            rows.push(row(&step.label, &step.latency, number(step.median_wall_ns)));
+        } else if !std::mem::replace(&mut is_encoded, true) {
+            let own = parts.iter().map(|part| part.median_wall_ns).sum();
+            rows.push(row(&step.label, &slowest(&parts), number(own)));
         }
     }
     aligned(&rows, &[1, 2, 3, 4, 5, 6])

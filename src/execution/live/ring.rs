@@ -1,7 +1,7 @@
 //! A live run that keeps its last frames in memory, and writes them on a signal.
 
 use std::path::{Path, PathBuf};
-use std::sync::{Arc, Mutex};
+use std::sync::{Arc, Mutex, Weak};
 use std::time::Duration;
 
 use depthloom_graphs::counted;
@@ -14,20 +14,41 @@ use depthloom_terminal::{CliError, ExitCode, size};
 use depthloom_threads::locked;
 
 use super::{Finished, LiveOutput, Storage, execute, finished, print_warnings};
-use crate::args::LiveArgs;
+use crate::args::{LiveArgs, TriggerSignal};
 use crate::output::live::Messages;
 use crate::signals;
+
+/// The signal that writes the kept frames. It is ignored until there is a ring.
+pub(crate) struct RingTrigger(Arc<Mutex<Weak<RingSink>>>);
+
+impl RingTrigger {
+    /// Listens for the signal from now on; before, it ends the process.
+    pub(crate) fn listen(signal: TriggerSignal) -> Result<Self, CliError> {
+        let ring = Arc::new(Mutex::new(Weak::new()));
+        let triggered = Arc::clone(&ring);
+        signals::on(signal, move || {
+            let ring: Option<Arc<RingSink>> = locked(&triggered).upgrade();
+            ring.iter().for_each(|ring| ring.trigger());
+        })?;
+        Ok(Self(ring))
+    }
+}
 
 /// Runs with a ring in memory.
 pub(super) fn run_ring(
     args: &LiveArgs,
-    window: Duration,
+    (window, trigger): (Duration, &RingTrigger),
     plan: &Plan,
     ready: Ready,
     live: Live,
     interrupt: &Interrupt,
 ) -> Result<Finished, CliError> {
     let folder = folder(args, plan);
+    if let Some(parent) = folder.parent() {
+        std::fs::create_dir_all(parent).map_err(|error| {
+            CliError::of_writing(ExitCode::Usage, format_args!("failed to create {}", parent.display()), &error)
+        })?;
+    }
     let runs = args.folder.path();
     let earlier = Arc::new(reuse::beside(Some(&folder), &runs, plan));
     print_warnings(args, &reuse::unreadable(&earlier));
@@ -46,12 +67,7 @@ pub(super) fn run_ring(
     let ring = RingSink::new(plan, live.run, options, report);
     let ring = ring.map_err(|error| CliError::remedied(ExitCode::Engine, "failed to keep frames", &error))?;
     let ring = Arc::new(ring.with_earlier(earlier));
-    let triggered = Arc::downgrade(&ring);
-    signals::on(args.on, move || {
-        if let Some(ring) = triggered.upgrade() {
-            ring.trigger();
-        }
-    })?;
+    *locked(&trigger.0) = Arc::downgrade(&ring);
     let stage = plan.runs[live.run].stage.clone();
     let ran = execute(args, plan, ready, live, (Storage::Sink(&*ring), None), &messages, interrupt);
     // Waits for the recordings that were requested.
