@@ -22,10 +22,10 @@ pub const COMMON: &str = "common";
 /// [`Table::parquet`](super::Table::parquet) checks that the list is complete.
 const RESERVED: &str = "axis baseline baseline_m best_overall bias_m bin_from bin_from_m bin_from_px bin_to bin_to_m bin_to_px change count cpu_ns density \
     difference difference_high difference_high_m difference_low difference_low_m difference_m disparity_density disparity_frames \
-    disparity_pixels frame frames outlier_share learning_rate level loss losses mean median_cpu_ns ms node p p_from p_holm phase pixels \
+    disparity_pixels frame frames jitter_ns outlier_share learning_rate level loss losses mean median_cpu_ns ms node p p_from p_holm phase pixels \
     position rmse_m rows run score scoring share statistic step ties ground_truth_m unit validation value value_m verdict wall_ns wins x y zone";
 /// Prefixes of further columns.
-const RESERVED_STARTS: [&str; 5] = ["paper_", "error_", "relative_", "baseline_", "axis."];
+const RESERVED_STARTS: [&str; 6] = ["paper_", "error_", "relative_", "baseline_", "latency_", "axis."];
 
 /// The stage, variant and levels of a row.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
