@@ -81,7 +81,7 @@ fn frames_that_were_processed_live_are_recomputed_to_the_same_bits() {
 #[test]
 fn at_more_than_the_possible_rate_the_newest_frame_wins_and_every_drop_is_counted() {
     let folder = tempfile::tempdir().expect("a folder");
-    let options = ["--rate", "2000", "--for", "2s", "--preload", "12", "--repeat", "--deadline", "1ms"];
+    let options = ["--rate", "2000", "--for", "2s", "--preload", "12", "--repeat", "--deadline", "0.01ms"];
     let output = json(live(folder.path(), &options).args(["--out"]).arg(folder.path().join("one")), 3);
     assert!(drops(&output) > 0, "{output}");
     assert_eq!(count(&output, "offered"), count(&output, "processed") + drops(&output));
@@ -249,7 +249,10 @@ fn memory_and_open_files_stay_flat() {
     let folder = tempfile::tempdir().expect("a folder");
     let out = folder.path().join("one");
     let time = format!("{seconds}s");
-    let mut command = live(folder.path(), &["--rate", "10", "--repeat", "--plain", "--for", &time, "--out"]);
+    let mut command = live(
+        folder.path(),
+        &["--rate", "10", "--preload", "12", "--repeat", "--allow-drops", "--plain", "--for", &time, "--out"],
+    );
     let mut child = command.arg(&out).stdout(Stdio::null()).spawn().expect("the binary starts");
     let process = format!("/proc/{}", child.id());
     let resident = || {
