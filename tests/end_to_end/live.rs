@@ -79,6 +79,33 @@ fn frames_that_were_processed_live_are_recomputed_to_the_same_bits() {
 }
 
 #[test]
+fn a_batch_run_after_a_live_one_finds_the_ground_truth_that_was_hidden() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let data = folder.path().join("data");
+    succeed(depthloom().arg("synth").arg(&data).args(["--frames", "3", "--width", "320", "--height", "96", "--quiet"]));
+    // Its ground truth is optional, as it is in all data sets on disk.
+    let kitti =
+        format!("kind: kitti/stereo2015, with: {{ root: {}, split: training, ground_truth: occ }}", data.display());
+    let road = "kind: synthetic/road, with: { frames: 0..12, seed: 2, width: 320, height: 96 }";
+    let path = street(folder.path());
+    std::fs::write(&path, STREET.replace(road, &kitti)).expect("it is written");
+    let reusing = |command: &str, out: &str, options: &[&str]| {
+        let out = folder.path().join("runs").join(out);
+        let mut run = depthloom();
+        run.env_remove("DEPTHLOOM_FRESH").arg(command).arg(&path).arg("--runs").arg(folder.path().join("runs"));
+        succeed(run.arg("--out").arg(&out).args(options));
+        out
+    };
+    reusing("live", "live", &["--rate", "50", "--no-drop"]);
+    let after = reusing("run", "after", &["--quiet", "--no-page"]);
+    let fresh = reusing("run", "fresh", &["--quiet", "--no-page", "--fresh"]);
+    for file in ["table.csv", "recording.mcap"] {
+        let bytes = |run: &Path| std::fs::read(run.join(file)).expect("it was written");
+        assert!(bytes(&after) == bytes(&fresh), "{file}");
+    }
+}
+
+#[test]
 fn at_more_than_the_possible_rate_the_newest_frame_wins_and_every_drop_is_counted() {
     let folder = tempfile::tempdir().expect("a folder");
     let options = ["--rate", "2000", "--for", "2s", "--preload", "12", "--repeat", "--deadline", "0.01ms"];

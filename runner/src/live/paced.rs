@@ -6,7 +6,7 @@ use depthloom_graphs::contracts::{
     Context, Fault, Frame, InlineHost, NextFrame, Scratch, StreamFrame, StreamingSource,
 };
 use depthloom_graphs::plan::FrameIndex;
-use depthloom_graphs::{Outputs, Source, SourceOutputs, counted};
+use depthloom_graphs::{Key, Outputs, Source, SourceOutputs, counted};
 
 use crate::interrupt::Interrupt;
 
@@ -114,9 +114,21 @@ impl Paced {
         }
         let SourceOutputs { outputs, key } =
             self.source.read(FrameIndex(position), &mut Context::new(&InlineHost, &mut self.scratch))?;
-        let shown = outputs.entries().filter(|(port, _)| !self.playback.hidden.contains(port));
-        let outputs = shown.fold(Outputs::none(), |outputs, (port, value)| outputs.with(port, value.clone()));
-        Ok(SourceOutputs { outputs, key })
+        let (mut shown, mut hidden) = (Outputs::none(), Vec::new());
+        for (port, value) in outputs.entries() {
+            if self.playback.hidden.contains(&port) {
+                hidden.push(port);
+            } else {
+                shown = shown.with(port, value.clone());
+            }
+        }
+        // Under the key of the complete frame, other runs would find that it has no ground truth.
+        let key = if hidden.is_empty() {
+            key
+        } else {
+            hidden.iter().fold(Key::build("frame without").key(&key), |key, port| key.text(port)).finish()
+        };
+        Ok(SourceOutputs { outputs: shown, key })
     }
 
     /// Of the frames that are due by now, a camera would have the last one. Frames that are due at the same time are
