@@ -73,10 +73,11 @@ impl Paced {
         let (due, gaps) = due_times(frames, playback.pace);
         let stamps = frames.iter().map(|frame| frame.time_ns);
         let span_ns = stamps.clone().max().unwrap_or(0) - stamps.min().unwrap_or(0);
-        let pass_ns = span_ns + span_ns.checked_div(frames.len() as u64 - 1).unwrap_or(100_000_000);
+        let gap_ns = span_ns.checked_div(frames.len() as u64 - 1).unwrap_or(100_000_000);
+        let pass_ns = span_ns.saturating_add(gap_ns);
         let pass = match playback.pace {
             Pace::Rate(rate) => seconds(frames.len() as f64 / rate),
-            Pace::TimeStamps => due[due.len() - 1] + Duration::from_nanos(pass_ns - span_ns),
+            Pace::TimeStamps => due[due.len() - 1] + Duration::from_nanos(gap_ns),
         };
         let warnings = (gaps > 0).then(|| {
             let gaps = counted(gaps, "gap");
@@ -189,7 +190,7 @@ impl Paced {
         if pass == 0 {
             return frame.clone();
         }
-        let span = frames.iter().map(|frame| frame.index + 1).max().unwrap_or(0);
+        let span = frames.iter().map(|frame| frame.index.saturating_add(1)).max().unwrap_or(0);
         Frame {
             id: format!("{}+{pass}", frame.id).into(),
             index: frame.index.saturating_add(span.saturating_mul(pass)),
@@ -244,7 +245,7 @@ impl StreamingSource for Paced {
 /// By frame, when it is due after the first one; and the number of gaps that are too long.
 fn due_times(frames: &[Frame], pace: Pace) -> (Vec<Duration>, u64) {
     match pace {
-        Pace::Rate(rate) => ((0..=frames.len()).map(|k| seconds(k as f64 / rate)).take(frames.len()).collect(), 0),
+        Pace::Rate(rate) => ((0..frames.len()).map(|k| seconds(k as f64 / rate)).collect(), 0),
         Pace::TimeStamps => {
             let (mut due, mut gaps) = (vec![Duration::ZERO], 0);
             for pair in frames.windows(2) {
