@@ -243,8 +243,9 @@ fn content(values: &[Value]) -> u64 {
 
 /// A value of a type that differs where `number` does.
 fn value(name: &str, of: ValueType, number: u64, inputs: &[Value]) -> Value {
-    // 1 to 2, by steps that are exact in f32.
-    let factor = 1.0 + (number % 1024) as f32 / 1024.0;
+    // 1 to 2, by steps that are exact in f32: as many as there are, because two different results must not be equal by
+    // chance.
+    let factor = 1.0 + (number % (1 << 23)) as f32 / (1 << 23) as f32;
     let depth = inputs.iter().find_map(|input| if let Value::Depth(depth) = input { Some(depth) } else { None });
     match of {
         ValueType::Depth => match depth {
