@@ -45,7 +45,7 @@ pub(crate) use figure::{FigureArgs, FigureFormat};
 pub(crate) use inspect::InspectArgs;
 pub(crate) use live::{Cores, LimitArgs, LiveArgs, TriggerSignal};
 pub(crate) use recording::VerifyArgs;
-pub(crate) use run::{AuditMode, PageArgs, ReportArgs, RunArgs};
+pub(crate) use run::{AuditMode, PageArgs, ReportArgs, RunArgs, SplitBy};
 pub(crate) use runs::{
     DiffArgs, ListFilter, NoteArgs, PruneArgs, RecoverArgs, RmArgs, RunsArgs, RunsCommand, ShowArgs, TagArgs,
     TimingsArgs,

@@ -5,6 +5,7 @@ mod folder;
 pub(crate) mod live;
 mod observers;
 mod programs;
+pub(crate) mod shard;
 
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
@@ -14,6 +15,7 @@ use depthloom_graphs::language::Loaded;
 use depthloom_graphs::plan::Plan;
 use depthloom_graphs::ready::Ready;
 use depthloom_graphs::{counted, render};
+use depthloom_jobs::Shard;
 use depthloom_nodes::onnx;
 use depthloom_recording::{Condition, Recorder, Recording};
 use depthloom_runner::{Checkpoints, Interrupt, Observer, Options, Report, RunError, Unwatched};
@@ -108,7 +110,7 @@ pub(crate) fn carry_out(
     let earlier = reuse::earlier_runs(args.is_fresh(), &folder, &args.folder.path(), &plan);
     let unreadable = reuse::unreadable(&earlier);
     print_warnings(args, &unreadable);
-    let resumable = Reusable { resumable, earlier }.verified(args, &folder, &ready, remote.is_some())?;
+    let resumable = Reusable { resumable, earlier }.verified(args, &folder, &ready, None, remote.is_some())?;
     let mut options = options(args, &folder);
     if let Some(RemoteNodes { workers, window, .. }) = remote {
         (options.workers, options.window) = (*workers, Some(*window));
@@ -116,7 +118,8 @@ pub(crate) fn carry_out(
 
     let stopped = || interrupt.stops_admission();
     let partial = folder.partial.clone();
-    let recorded = record(ready, &plan, args, &options, (&folder, &partial), resumable, interrupt, &stopped, remote);
+    let target = Target { folder: &folder, partial: &partial, remote, shard: None };
+    let recorded = record(ready, &plan, args, &options, target, resumable, interrupt, &stopped);
     let Recorded { failed, warnings, checkpoints, reused, prepared, has_printed } = match recorded {
         Ok(recorded) => recorded,
         Err(ended) => return Err(ended.stop(folder, remote.is_some())),
@@ -185,7 +188,24 @@ fn options(args: &RunArgs, folder: &RunFolder) -> Options {
         keep_going: args.keep_going,
         checkpoints: Some(folder.checkpoints()),
         audit: args.audit.into(),
+        share: None,
     }
+}
+
+/// Where a run is recorded, and what of it.
+struct Target<'a, 'b> {
+    folder: &'b RunFolder,
+    /// The folder while it is partial.
+    partial: &'a Path,
+    remote: Option<&'b RemoteNodes<'b>>,
+    /// If this process computes a shard of the run.
+    shard: Option<&'b ShardTarget<'b>>,
+}
+
+/// What is recorded of a shard.
+struct ShardTarget<'b> {
+    shard: &'b Shard,
+    watch: &'b dyn Observer,
 }
 
 struct Recorded<'a> {
@@ -207,11 +227,10 @@ fn record<'a>(
     plan: &Plan,
     args: &RunArgs,
     options: &Options,
-    (folder, partial): (&RunFolder, &'a Path),
+    Target { folder, partial, remote, shard }: Target<'a, '_>,
     resumable: Reusable,
     interrupt: &Interrupt,
     stopped: &'a (dyn Fn() -> bool + Sync),
-    remote: Option<&RemoteNodes<'_>>,
 ) -> Result<Recorded<'a>, EarlyEnd> {
     let Reusable { resumable, earlier } = resumable;
     let earlier = Arc::new(earlier);
@@ -228,6 +247,14 @@ fn record<'a>(
     // Values of remote nodes are not looked up in earlier runs: their keys come with them.
     let recorder = if remote.is_none() { recorder.with_earlier(Arc::clone(&earlier)) } else { recorder };
     let recorder = recorder.durable(args.durable);
+    let windows = options.share.as_ref().map(depthloom_jobs::windows).unwrap_or_default();
+    let recorder = recorder.with_windows(&windows).map_err(|error| EarlyEnd {
+        why: CliError::remedied(ExitCode::Engine, "failed to start the recording", &error),
+        frames: 0,
+        is_suspect: false,
+    })?;
+    let recorder =
+        if shard.is_some_and(|shard| !shard.shard.records_frames()) { recorder.without_frames() } else { recorder };
     if resumable.is_some() && !is_silent(args) {
         let (frames, partial) = (counted(recorder.frames(), "frame"), folder.partial.display());
         say(format_args!("resuming {partial} after {frames}"));
@@ -239,8 +266,12 @@ fn record<'a>(
     let progress = Progress::new(plan, is_silent(args));
     // If that fails, the report says why, when the frames are stored.
     let samples_in_memory = report_options(args).samples_in_memory;
-    let sample_sink = SampleSink::new(&recorder, plan, partial, samples_in_memory, stopped).ok();
-    let watch = Both(&progress, remote.map_or(&Unwatched, |remote| remote.observer));
+    let sample_sink = match shard {
+        None => SampleSink::new(&recorder, plan, partial, samples_in_memory, stopped).ok(),
+        Some(_) => None,
+    };
+    let watched = remote.map(|remote| remote.observer).or(shard.map(|shard| shard.watch));
+    let watch = Both(&progress, watched.unwrap_or(&Unwatched));
     let ran = match &sample_sink {
         Some(sink) => depthloom_runner::run(ready, sink, options, &watch, interrupt),
         None => depthloom_runner::run(ready, &recorder, options, &watch, interrupt),

@@ -109,7 +109,14 @@ fn engine(c: &mut Criterion) {
     group.sample_size(20).throughput(Throughput::Elements((FRAMES * (NODES + 1)) as u64));
     for (shape, is_chain) in [("chain", true), ("fan", false)] {
         for workers in [1, 2, 4] {
-            let options = Options { workers, window: None, keep_going: false, checkpoints: None, audit: Audit::None };
+            let options = Options {
+                workers,
+                window: None,
+                keep_going: false,
+                checkpoints: None,
+                audit: Audit::None,
+                share: None,
+            };
             let run = |ready| {
                 run(ready, &NoSink, &options, &Unwatched, &Interrupt::default()).expect("nothing fails");
             };

@@ -74,6 +74,16 @@ pub(crate) struct AggregateWork<'a, T> {
 }
 
 impl<T: Sink> AggregateWork<'_, T> {
+    /// Leaves nodes to other processes, whose values are used where the store has them.
+    pub(crate) fn leave_to_others(&mut self, values: &mut AggregateValues) {
+        let Some(share) = self.context.share else { return };
+        let run = self.run;
+        self.waiting.retain(|node, _| share.computes(NodeRef { run, node: *node }));
+        if let Some(store) = self.context.sink.store() {
+            share.find_aggregates(run, &self.plan.runs[run], store, values);
+        }
+    }
+
     /// Runs every aggregate node whose inputs are there, then those that read them, and so on.
     pub(crate) fn run_all(&mut self, values: &mut AggregateValues) -> Result<Completion, RunError> {
         loop {
@@ -180,10 +190,10 @@ impl<T: Sink> AggregateWork<'_, T> {
     }
 
     /// Which values of the stage's frames are reused.
-    pub(crate) fn reuse<'s>(&'s self, graph: &FrameGraph, source: &'s dyn Source) -> Option<Reuse<'s>> {
+    pub(crate) fn reuse<'s>(&'s self, graph: &FrameGraph, source: &'s dyn Source, start: usize) -> Option<Reuse<'s>> {
         let permit = self.context.budget.permit();
         let (run, host) = (&self.plan.runs[self.run], self.host(None, None));
-        let reuse = Reuse::new(self.run, run, graph, source, self.context.sink, &host);
+        let reuse = Reuse::new(self.run, run, graph, source, self.context.sink, &host, start);
         drop(permit);
         reuse
     }

@@ -189,7 +189,9 @@ impl<'s, 'a, T: Sink> Auditor<'s, 'a, T> {
                     let frame = &self.stage.source.frames()[position];
                     process_pure(&**node, planned, frame, &Inputs::new(&producer.inputs, &inputs), &mut ctx)
                 }
-                Some((FrameNode::Ordered(_) | FrameNode::Once, _)) => Err(Fault::new("it is not a pure node")),
+                Some((FrameNode::Ordered(_) | FrameNode::Once | FrameNode::Omitted, _)) => {
+                    Err(Fault::new("it is not a pure node"))
+                }
             });
         let outputs = outputs.and_then(|outputs| outputs.in_order_of(&producer.outputs));
         values.computed[step] = Some(outputs.map_err(NotRecomputed::Failed)?);

@@ -3,6 +3,8 @@
 use std::num::NonZeroUsize;
 use std::path::PathBuf;
 
+use crate::share::Share;
+
 /// How a plan is run. Results do not depend on it, except which frames are missing after a failure.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Options {
@@ -16,6 +18,8 @@ pub struct Options {
     pub checkpoints: Option<PathBuf>,
     /// Which reused values are recomputed and compared.
     pub audit: Audit,
+    /// What this process computes, if other processes compute the rest.
+    pub share: Option<Share>,
 }
 
 /// Which reused values are recomputed and compared with the stored ones.
@@ -34,7 +38,7 @@ impl Default for Options {
     /// One worker per core.
     fn default() -> Self {
         let workers = std::thread::available_parallelism().map_or(1, NonZeroUsize::get);
-        Self { workers, window: None, keep_going: false, checkpoints: None, audit: Audit::default() }
+        Self { workers, window: None, keep_going: false, checkpoints: None, audit: Audit::default(), share: None }
     }
 }
 

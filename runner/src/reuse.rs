@@ -10,7 +10,7 @@ pub(crate) mod recorded;
 use std::sync::OnceLock;
 
 use depthloom_graphs::contracts::{Contract, Sink, Slot, Store, StoredState};
-use depthloom_graphs::plan::{FrameIndex, NodeId, PortId, RunId, StageRun};
+use depthloom_graphs::plan::{FrameIndex, NodeId, PlannedNode, PortId, RunId, StageRun};
 use depthloom_graphs::value_keys::{self, Observed};
 use depthloom_graphs::{Frame, Host, Key, Port, Rate, Source, Value};
 
@@ -110,12 +110,13 @@ pub(crate) struct Reuse<'a> {
     chains: Vec<Option<Chain>>,
     /// By node; of ordered nodes that do not run.
     pub(crate) finished: Vec<Option<Finished>>,
-    /// How many frames an earlier process has written.
+    /// The position after the frames that an earlier process has written.
     pub(crate) written: usize,
 }
 
 impl<'a> Reuse<'a> {
-    /// Derives the keys of a stage's frames. `None` if there is no store.
+    /// Derives the keys of a stage's frames, of which the first to be processed is at `start`. `None` if there is no
+    /// store.
     pub(crate) fn new<T: Sink>(
         run: RunId,
         plan: &'a StageRun,
@@ -123,12 +124,17 @@ impl<'a> Reuse<'a> {
         source: &'a dyn Source,
         sink: &'a T,
         host: &dyn Host,
+        start: usize,
     ) -> Option<Self> {
         let store = sink.store()?;
-        let chains = plan.nodes.iter().map(|node| (node.contract == Contract::Ordered).then(Chain::default)).collect();
+        let chain = |(node, planned): (NodeId, &PlannedNode)| {
+            let runs = planned.contract == Contract::Ordered && !graph.producers[StepId::of_node(node)].is_omitted;
+            runs.then(Chain::default)
+        };
+        let chains = NodeId::enumerate(&plan.nodes).map(chain).collect();
         let finished = plan.nodes.iter().map(|_| None).collect();
         let mut reuse =
-            Self { store, plan, frames: source.frames(), run, chains, finished, written: sink.written(run) };
+            Self { store, plan, frames: source.frames(), run, chains, finished, written: start + sink.written(run) };
         if reuse.chains.iter().any(Option::is_some) {
             let keys = source_keys(source, store, host);
             for (position, key) in FrameIndex::enumerate(&keys) {
@@ -208,7 +214,7 @@ impl<'a> Reuse<'a> {
         known.push(source.map_or(StepState::Unknown, |key| self.find(graph, StepId::SOURCE, key)));
         for (node, planned) in NodeId::enumerate(&self.plan.nodes) {
             let step = StepId::of_node(node);
-            known.push(if planned.contract == Contract::Once {
+            known.push(if planned.contract == Contract::Once || graph.producers[step].is_omitted {
                 StepState::Absent
             } else {
                 match self.key(graph, position, node, &known) {

@@ -20,9 +20,10 @@ use crate::live::capture::capture;
 use crate::live::mailbox::{CloseOnDrop, Mailbox};
 use crate::live::{Live, LiveReport};
 use crate::observer::Observer;
-use crate::options::Options;
+use crate::options::{Audit, Options};
 use crate::report::Report;
 use crate::run_context::RunContext;
+use crate::share::Share;
 use crate::stage::frame_graph::FrameGraph;
 use crate::stage::ordered::Ordered;
 use crate::stage::retire::{Completion, Ledger, retire_all};
@@ -85,7 +86,8 @@ fn run_all<T: Sink>(
         window: options.window(),
         keep_going: options.keep_going,
         checkpoints: &checkpoints,
-        audit: options.audit,
+        audit: if options.share.is_some() { Audit::None } else { options.audit },
+        share: options.share.as_ref(),
     };
     let mut values = AggregateValues::new(files);
     let mut report = Report::default();
@@ -94,7 +96,7 @@ fn run_all<T: Sink>(
             report.interrupted = true;
             break;
         }
-        observer.stage_started(run, ready.source.frames().len() as u64);
+        observer.stage_started(run, Share::frames(context.share, run, ready.source.as_ref()).len() as u64);
         let stream = live.take_if(|live| live.run == run);
         let completion = run_stage((run, &plan), (ready, &builders), stream, &context, &mut values, &mut report);
         observer.stage_finished(run);
@@ -155,7 +157,8 @@ fn run_stage<T: Sink>(
         reported: BTreeMap::new(),
         timings: Vec::new(),
     };
-    let mut ledger = Ledger::new(plan, run, source.frames().len(), context.sink.parts(run));
+    let frame_count = Share::frames(context.share, run, source.as_ref()).len();
+    let mut ledger = Ledger::new(plan, run, frame_count, context.sink.parts(run));
     let mut frames = match live {
         None => Frames::Listed,
         Some(live) => Frames::Live { live, report: &mut report.live },
@@ -187,21 +190,25 @@ fn pass<T: Sink>(
     once: &mut AggregateWork<'_, T>,
     source: &dyn Source,
     frames: &mut Frames<'_>,
-    (nodes, builders): (Vec<FrameNode<T::Part>>, &NodeBuilders),
+    (mut nodes, builders): (Vec<FrameNode<T::Part>>, &NodeBuilders),
     ledger: &mut Ledger<'_>,
     values: &mut AggregateValues,
 ) -> Result<Completion, RunError> {
     let (run, plan) = (once.run, &once.plan.runs[once.run]);
     let unrunnable = |what| RunError::Unrunnable { stage: plan.stage.clone(), what };
+    once.leave_to_others(values);
     // Aggregate nodes that do not depend on this stage's frames come first: nodes of the stage may need their values.
     if once.run_all(values)? == Completion::Interrupted {
         return Ok(Completion::Interrupted);
     }
-    let graph = FrameGraph::new(run, plan, once.context.sink, |from| values.find(from))
+    let range = Share::frames(once.context.share, run, source);
+    let omitted = once.context.share.map(|share| share.omitted(run, plan, &range, values)).unwrap_or_default();
+    omitted.iter().for_each(|node| nodes[*node] = FrameNode::Omitted);
+    let graph = FrameGraph::new(run, plan, once.context.sink, &omitted, |from| values.find(from))
         .map_err(|error| unrunnable(error.what))?;
     let is_live = matches!(frames, Frames::Live { .. });
-    let reuse = if is_live { None } else { once.reuse(&graph, source) };
-    let mut stage = Stage::new(once.context, run, plan, graph, source, nodes, reuse);
+    let reuse = if is_live { None } else { once.reuse(&graph, source, range.start) };
+    let mut stage = Stage::new(once.context, run, plan, graph, (source, range), nodes, reuse);
     if is_live {
         stage = stage.live();
     }
@@ -233,7 +240,10 @@ fn pass<T: Sink>(
     }
     if let Some(node) = once.waiting.keys().next() {
         let name = &plan.nodes[*node].name;
-        return Err(unrunnable(format!("no node before `{name}` computes an aggregate value that it reads")));
+        return Err(unrunnable(match once.context.share {
+            None => format!("no node before `{name}` computes an aggregate value that it reads"),
+            Some(_) => format!("node `{name}` reads an aggregate value that no other process has computed yet"),
+        }));
     }
     once.write(values)?;
     ledger.stage.audited += once.audit(builders, values)?;

@@ -6,6 +6,7 @@ use crate::checkpoints::Checkpoints;
 use crate::interrupt::Interrupt;
 use crate::observer::Observer;
 use crate::options::Audit;
+use crate::share::Share;
 use crate::warnings::Warnings;
 
 pub(crate) struct RunContext<'a, T> {
@@ -18,4 +19,6 @@ pub(crate) struct RunContext<'a, T> {
     pub(crate) keep_going: bool,
     pub(crate) checkpoints: &'a Checkpoints,
     pub(crate) audit: Audit,
+    /// `None` if this process computes everything.
+    pub(crate) share: Option<&'a Share>,
 }

@@ -9,6 +9,7 @@ pub(crate) mod retire_live;
 mod steps;
 mod work;
 
+use std::ops::Range;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
 
@@ -32,6 +33,8 @@ pub(crate) enum FrameNode<P> {
     Ordered(Ordered<P>),
     /// An aggregate node, which no frame reaches.
     Once,
+    /// A node that is not in this process's share.
+    Omitted,
 }
 
 /// A step of a frame that is ready to run.
@@ -46,6 +49,8 @@ pub(crate) struct Stage<'a, T: Sink> {
     pub(crate) plan: &'a StageRun,
     pub(crate) graph: FrameGraph,
     pub(crate) source: &'a dyn Source,
+    /// The frames of the source that are processed.
+    pub(crate) range: Range<usize>,
     pub(crate) nodes: Vec<FrameNode<T::Part>>,
     pub(crate) reuse: Option<Reuse<'a>>,
     pub(crate) sampler: Sampler,
@@ -75,7 +80,7 @@ impl<'a, T: Sink> Stage<'a, T> {
         run: RunId,
         plan: &'a StageRun,
         graph: FrameGraph,
-        source: &'a dyn Source,
+        (source, range): (&'a dyn Source, Range<usize>),
         nodes: Vec<FrameNode<T::Part>>,
         reuse: Option<Reuse<'a>>,
     ) -> Self {
@@ -91,6 +96,7 @@ impl<'a, T: Sink> Stage<'a, T> {
             plan,
             graph,
             source,
+            range,
             nodes,
             reuse,
         }
@@ -127,9 +133,9 @@ impl<'a, T: Sink> Stage<'a, T> {
         }
     }
 
-    /// How many frames an earlier process has written.
+    /// The position after the frames that an earlier process has written.
     pub(crate) fn written(&self) -> usize {
-        self.reuse.as_ref().map_or(0, |reuse| reuse.written)
+        self.reuse.as_ref().map_or(self.range.start, |reuse| reuse.written)
     }
 
     pub(crate) fn set_oldest(&self, position: FrameIndex) {

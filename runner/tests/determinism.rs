@@ -21,7 +21,8 @@ fn told_error(error: &RunError) -> String {
 
 fn run_text(graph: &AnyGraph, workers: usize, window: Option<usize>) -> (Vec<String>, Option<String>) {
     let notebook = Notebook::with_parts(graph.parts);
-    let options = Options { workers, window, keep_going: graph.keep_going, checkpoints: None, audit: Audit::None };
+    let options =
+        Options { workers, window, keep_going: graph.keep_going, checkpoints: None, audit: Audit::None, share: None };
     let result = run(bench(graph).ready(), &notebook, &options, &Unwatched, &Interrupt::default());
     (notebook.lines(), result.err().as_ref().map(told_error))
 }

@@ -18,7 +18,7 @@ use depthloom_runner::{
 use support::{Bench, Notebook, Numbers, Toy, node, number, planned, source};
 
 fn options(workers: usize) -> Options {
-    Options { workers, window: None, keep_going: true, checkpoints: None, audit: Audit::None }
+    Options { workers, window: None, keep_going: true, checkpoints: None, audit: Audit::None, share: None }
 }
 
 /// A pure node after an ordered one.

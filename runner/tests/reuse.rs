@@ -189,7 +189,7 @@ fn lines_and_error(
     workers: usize,
     keep_going: bool,
 ) -> (Vec<String>, Option<String>) {
-    let options = Options { workers, window: Some(4), keep_going, checkpoints: None, audit: Audit::All };
+    let options = Options { workers, window: Some(4), keep_going, checkpoints: None, audit: Audit::All, share: None };
     let result = run(bench.ready(), sink, &options, &Unwatched, &Interrupt::default());
     (sink.notebook.lines(), result.err().map(|error| error.to_string()))
 }
@@ -346,7 +346,8 @@ fn rerun_with_another_constant(contract: Contract, holds: Box<Holds>, audit: Aud
         bench
     };
     let first = Remembering::new(1, 1, bench(11).plan, None);
-    let options = |audit| Options { workers: 2, window: Some(4), keep_going: false, checkpoints: None, audit };
+    let options =
+        |audit| Options { workers: 2, window: Some(4), keep_going: false, checkpoints: None, audit, share: None };
     run(bench(11).ready(), &first, &options(Audit::None), &Unwatched, &Interrupt::default()).expect("it runs");
     let store = Memory { values: values_of(&first.entries()), holds, knows: Box::new(|_| true) };
     let second = Remembering::new(1, 1, bench(12).plan, Some(store));

@@ -17,7 +17,7 @@ use depthloom_runner::{Audit, Interrupt, Observer, Options, Phase, RunError, Unw
 use support::{Bench, Notebook, Numbers, Toy, build, node, node_slot, once, output, planned, source};
 
 fn options(workers: usize) -> Options {
-    Options { workers, window: None, keep_going: false, checkpoints: None, audit: Audit::None }
+    Options { workers, window: None, keep_going: false, checkpoints: None, audit: Audit::None, share: None }
 }
 
 fn frames(lines: &[String]) -> Vec<&str> {

@@ -4,6 +4,7 @@ use std::path::PathBuf;
 
 use clap::{Args, ValueEnum};
 use clap_complete::engine::ArgValueCompleter;
+use depthloom_jobs::Fraction;
 use depthloom_runner::Audit;
 
 use super::compare::parse_confidence;
@@ -16,6 +17,7 @@ use crate::completion::folders;
     "run first.yaml" => "write runs/first/<UTC time>",
     "run first.yaml --out look --overwrite" => "write look, and replace the run there",
     "run first.yaml --set sources.street.with.frames=0..2" => "with another value",
+    "run first.yaml --shard 1/2" => "one of two shards, for two machines",
     "run first.yaml --json | jq .report.table" => "for programs",
 ])]
 pub(crate) struct RunArgs {
@@ -90,6 +92,31 @@ pub(crate) struct RunArgs {
     #[arg(long)]
     pub samples: bool,
 
+    /// Compute one of N shards of the run: 2/4.
+    ///
+    /// A shard computes the pure nodes of the K-th of N blocks of frames, and writes them to
+    /// `<runs>/<experiment>/shards`. Start all shards, on any machines that share the folder of runs, then `run`
+    /// without this option: it reuses them, computes what needs all frames, scores and reports. `submit` does all of
+    /// this on a cluster.
+    #[arg(long, value_name = "K/N", conflicts_with_all = ["out", "fresh", "samples", "paper", "no_page", "open", "json"])]
+    pub shard: Option<Fraction>,
+
+    /// Split by `frames` (default), or by `variants`, whose ordered and aggregate nodes run too.
+    #[arg(
+        long,
+        value_enum,
+        value_name = "WHAT",
+        default_value = "frames",
+        hide_default_value = true,
+        hide_possible_values = true,
+        requires = "shard"
+    )]
+    pub by: SplitBy,
+
+    /// Fail if a shard of the run is missing or damaged, instead of computing it.
+    #[arg(long, conflicts_with_all = ["shard", "fresh"])]
+    pub require_shards: bool,
+
     #[command(flatten)]
     pub page: PageArgs,
 
@@ -102,6 +129,16 @@ pub(crate) struct RunArgs {
 
     #[command(flatten)]
     pub output: JsonArgs,
+}
+
+/// What a run is split by.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, ValueEnum)]
+pub(crate) enum SplitBy {
+    /// Blocks of frames.
+    #[default]
+    Frames,
+    /// Blocks of variants.
+    Variants,
 }
 
 /// Which reused values are recomputed.

@@ -21,7 +21,9 @@ use serde_json::{Map, Value as Json};
 use self::detect::{Detected, Reference};
 use self::matching::{Matched, match_files};
 use self::text::experiment;
-use crate::args::{Cli, Command, EvaluateArgs, ExecArgs, ExperimentArgs, ForEstimate, QuantityOption, RunArgs};
+use crate::args::{
+    Cli, Command, EvaluateArgs, ExecArgs, ExperimentArgs, ForEstimate, QuantityOption, RunArgs, SplitBy,
+};
 use crate::commands::analysis::compare;
 use crate::execution::carry_out;
 use crate::output::diagnostics::print_warning;
@@ -138,6 +140,9 @@ fn run_args(args: &EvaluateArgs) -> RunArgs {
         keep_going: false,
         paper: false,
         samples: false,
+        shard: None,
+        by: SplitBy::default(),
+        require_shards: false,
         page: args.page.clone(),
         folder: args.folder.clone(),
         quiet: args.quiet,

@@ -6,6 +6,7 @@ use std::sync::Arc;
 use depthloom_graphs::plan::Plan;
 use depthloom_graphs::ready::Ready;
 use depthloom_recording::{EarlierRuns, Recording, RecordingError};
+use depthloom_runner::Share;
 use depthloom_runs::environment::{self, ENVIRONMENT};
 use depthloom_runs::run_folder::{PartialContent, RunFolder};
 use depthloom_runs::{RECORDING, next_outdated, outdated_files, reuse};
@@ -113,13 +114,14 @@ impl Reusable {
         args: &RunArgs,
         folder: &RunFolder,
         ready: &Ready,
+        share: Option<&Share>,
         is_remote: bool,
     ) -> Result<Self, CliError> {
         let Self { resumable: Some(recording), earlier } = self else { return Ok(self) };
         let outdated = if is_remote {
             Some("dora computes all values again".to_owned())
         } else {
-            reuse::outdated(ready, &earlier, &recording)?
+            reuse::outdated(ready, &earlier, &recording, share)?
         };
         let Some(why) = outdated else { return Ok(Self { resumable: Some(recording), earlier }) };
         drop((recording, earlier));

@@ -112,7 +112,7 @@ fn options(args: &LiveArgs, checkpoints: Option<PathBuf>) -> Options {
     let workers = args.workers.map_or(Options::default().workers, usize::from);
     let window = args.window.map(usize::from);
     // An audit would delay the start: `run` audits.
-    Options { workers, window, keep_going: true, checkpoints, audit: Audit::None }
+    Options { workers, window, keep_going: true, checkpoints, audit: Audit::None, share: None }
 }
 
 fn execute(

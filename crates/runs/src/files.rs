@@ -4,6 +4,8 @@ use std::path::{Path, PathBuf};
 
 /// The folder of runs without an `--out`.
 pub const FOLDER: &str = "runs";
+/// The folder of an experiment's shards, among its runs: `<runs>/<experiment>/shards/<plan>/<shard>`.
+pub const SHARDS: &str = "shards";
 /// The recording in a run's folder.
 pub const RECORDING: &str = "recording.mcap";
 /// The timings of a run.

@@ -9,7 +9,7 @@ use chrono::{DateTime, NaiveDateTime, Utc};
 use depthloom_terminal::{CliError, ExitCode, say};
 
 use crate::environment::{self, STAMP};
-use crate::files::{MARKER, RECORDING};
+use crate::files::{MARKER, RECORDING, SHARDS};
 use crate::run_folder::PathState;
 
 /// The depth of folders that are searched: `runs/<experiment>/<time>` is two.
@@ -91,13 +91,20 @@ pub fn in_folder(folder: &Path) -> Vec<FoundRun> {
     runs
 }
 
+/// The shards of all experiments in a folder of runs. [`all`] leaves them out.
+pub fn shards(folder: &Path) -> Vec<FoundRun> {
+    let inner = |folder: PathBuf| fs::read_dir(folder).into_iter().flatten().flatten().map(|entry| entry.path());
+    let plans = inner(folder.to_owned()).filter(|path| is_folder(path)).flat_map(|path| inner(path.join(SHARDS)));
+    plans.filter(|path| is_folder(path)).flat_map(|path| in_folder(&path)).collect()
+}
+
 fn look_into(folder: &Path, prefix: &str, depth: u32, runs: &mut Vec<FoundRun>) -> io::Result<()> {
     for entry in fs::read_dir(folder)? {
         let (path, file_name) = entry.map(|entry| (entry.path(), entry.file_name()))?;
         let name = format!("{prefix}{}", file_name.to_string_lossy());
         match PathState::at(&path) {
             Ok(PathState::Run) => runs.push(FoundRun { name, time: time(&path), path }),
-            Ok(PathState::Other(_)) if depth > 1 && is_folder(&path) => {
+            Ok(PathState::Other(_)) if depth > 1 && file_name != SHARDS && is_folder(&path) => {
                 if let Err(error) = look_into(&path, &format!("{name}/"), depth - 1, runs) {
                     say(format_args!("warning: failed to look into {}: {error}", path.display()));
                 }

@@ -23,8 +23,10 @@ mod timings;
 
 pub use condition::{Condition, condition_paths};
 pub use failures::{FrameFailure, Frames, frames_and_failures};
-pub use files::{FOLDER, LIVE, MARKER, MODELS, NOTES, OUTDATED, RECORDING, TIMINGS, next_outdated, outdated_files};
-pub use found::{FoundRun, all, in_folder};
+pub use files::{
+    FOLDER, LIVE, MARKER, MODELS, NOTES, OUTDATED, RECORDING, SHARDS, TIMINGS, next_outdated, outdated_files,
+};
+pub use found::{FoundRun, all, in_folder, shards};
 pub use git::GitState;
 pub use glance::{Best, File, Glance, State, bytes_in, files_in};
 pub use named::{named, named_in_full};

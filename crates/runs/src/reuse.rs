@@ -9,13 +9,13 @@ use depthloom_graphs::plan::{FrameIndex, NodeId, Plan, RunId};
 use depthloom_graphs::ready::Ready;
 use depthloom_graphs::{Frame, Key, chain, counted};
 use depthloom_recording::{EarlierRuns, Recording, RecordingError};
-use depthloom_runner::{Audit, RecordedValues, Report};
+use depthloom_runner::{Audit, RecordedValues, Report, Share};
 use depthloom_terminal::{CliError, ExitCode};
 use schemars::JsonSchema;
 use serde::Serialize;
 
 use crate::files::{RECORDING, outdated_files};
-use crate::found::{all, in_folder};
+use crate::found::{all, in_folder, shards};
 use crate::run_folder::RunFolder;
 
 /// The recordings that a run may reuse, newest first: those of its own folder, of the runs beside it, and in the folder
@@ -67,7 +67,12 @@ impl RecordedValues for RecordedKeys<'_> {
 ///
 /// # Errors
 /// If it cannot be read, or today's keys cannot be computed.
-pub fn outdated(ready: &Ready, earlier: &EarlierRuns, recording: &Recording) -> Result<Option<String>, CliError> {
+pub fn outdated(
+    ready: &Ready,
+    earlier: &EarlierRuns,
+    recording: &Recording,
+    share: Option<&Share>,
+) -> Result<Option<String>, CliError> {
     if let Err(error) = recording.check_committed() {
         let failed = |error| CliError::remedied(ExitCode::Engine, "failed to read the recording", error);
         return if error.is_damage() { Ok(Some(error.to_string())) } else { Err(failed(&error)) };
@@ -75,15 +80,15 @@ pub fn outdated(ready: &Ready, earlier: &EarlierRuns, recording: &Recording) -> 
     if !recording.has_plan(&ready.plan) {
         return Ok(Some("an engine or a program that it used changed".to_owned()));
     }
-    let outdated = depthloom_runner::outdated(ready, earlier, &RecordedKeys(recording), &InlineHost);
+    let outdated = depthloom_runner::outdated(ready, earlier, &RecordedKeys(recording), &InlineHost, share);
     outdated.map_err(|error| CliError::new(ExitCode::Engine, format!("failed to compare cache keys: {error}")))
 }
 
-/// The recordings of the runs beside `out`, and of those that `depthloom runs` lists.
+/// The recordings of the runs beside `out`, of those that `depthloom runs` lists, and of shards.
 fn found(out: Option<&Path>, runs: &Path) -> Vec<PathBuf> {
     let folder = |beside: &Path| if beside.as_os_str().is_empty() { PathBuf::from(".") } else { beside.to_owned() };
     let siblings = out.into_iter().flat_map(|out| in_folder(&folder(out)));
-    let found = siblings.chain(all(runs).unwrap_or_default());
+    let found = siblings.chain(all(runs).unwrap_or_default()).chain(shards(runs));
     let (mut seen, mut recordings) = (BTreeSet::new(), Vec::new());
     for path in found.map(|run| run.path.join(RECORDING)) {
         let Ok(metadata) = std::fs::metadata(&path) else { continue };

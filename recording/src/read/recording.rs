@@ -49,7 +49,7 @@ pub struct RecordedFrame {
     pub(crate) commit: usize,
 }
 
-/// The frames of a recording that a ring wrote: only those of one stage run, from a position on.
+/// The frames of a stage run in a recording that does not have all: those from a position on.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct RecordedWindow {
     /// The stage run.
@@ -205,12 +205,15 @@ impl Recording {
         self.frames.get(run.0).map_or(&[], Vec::as_slice)
     }
 
-    /// Which frames a ring recorded; `None` if the recording is not that of a ring.
+    /// Which frames were recorded, of a ring or of a shard: those of these stage runs. Empty for other recordings.
     #[must_use]
-    pub fn window(&self) -> Option<RecordedWindow> {
-        let entry = self.index.metadata.iter().find(|metadata| metadata.name == WINDOW_METADATA)?;
-        let number = |name: &str| entry.values.get(name)?.parse::<usize>().ok();
-        Some(RecordedWindow { run: RunId(number("run")?), first: FrameIndex(number("first")?) })
+    pub fn windows(&self) -> Vec<RecordedWindow> {
+        let entries = self.index.metadata.iter().filter(|metadata| metadata.name == WINDOW_METADATA);
+        let window = |entry: &MetadataEntry| {
+            let number = |name: &str| entry.values.get(name)?.parse::<usize>().ok();
+            Some(RecordedWindow { run: RunId(number("run")?), first: FrameIndex(number("first")?) })
+        };
+        entries.filter_map(window).collect()
     }
 
     /// The frames of live runs, and the frames that these dropped; `None` without such frames. Frames dropped after the

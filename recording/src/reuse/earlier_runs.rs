@@ -1,13 +1,13 @@
 //! Recordings of earlier runs as one store of values that a run can reuse.
 
-use std::collections::HashSet;
+use std::collections::{BTreeMap, HashSet};
 use std::io::ErrorKind;
 use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Mutex, OnceLock};
 
 use depthloom_graphs::contracts::{Fault, Store, StoredPort, StoredState};
-use depthloom_graphs::plan::{FrameIndex, Plan, RunId};
+use depthloom_graphs::plan::{FrameIndex, NodeRef, Plan, RunId};
 use depthloom_graphs::{Key, Value};
 use depthloom_mcap::{FileError, MAGIC_LENGTH, PositionedFile, RecordPlace, Window, op};
 use depthloom_threads::locked;
@@ -90,6 +90,20 @@ impl EarlierRuns {
         // Of equal counts the first: the last maximum in reverse order.
         let nearest = self.runs.iter().rev().max_by_key(shared)?;
         Some((nearest.recording.path(), nearest.recording.plan()))
+    }
+
+    /// The keys of the aggregate values in the recordings in a folder, by stage run and node. The recordings must be of
+    /// one plan.
+    #[must_use]
+    pub fn aggregates_in(&self, folder: &Path) -> BTreeMap<NodeRef, Key> {
+        let Ok(folder) = folder.canonicalize() else { return BTreeMap::new() };
+        let is_inside = |path: &Path| path.canonicalize().is_ok_and(|path| path.starts_with(&folder));
+        let inside = self.runs.iter().map(|run| &run.recording).filter(|recording| is_inside(recording.path()));
+        let mut keys = BTreeMap::new();
+        for value in inside.flat_map(Recording::aggregate_values) {
+            keys.entry(NodeRef { run: value.run, node: value.node }).or_insert(value.key);
+        }
+        keys
     }
 
     /// The recordings whose values were reused.

@@ -58,6 +58,8 @@ pub struct Recorder {
     state: Mutex<State>,
     /// Whether every frame waits for the disk.
     durable: bool,
+    /// Whether frames are recorded, not only aggregate values.
+    records_frames: bool,
     /// Frames by stage run, and aggregate values, that an earlier process wrote.
     written: Vec<usize>,
     once: BTreeMap<(NodeRef, PortId), Key>,
@@ -69,6 +71,8 @@ struct State {
     writer: Writer,
     frames: u64,
     artifacts: BTreeSet<Key>,
+    /// By stage run, the position of the first frame, where the recording states it.
+    first: Vec<Option<FrameIndex>>,
     /// The number of committed frames of each stage run, and the time of the first.
     committed: Vec<usize>,
     first_ns: Vec<Option<u64>>,
@@ -120,8 +124,15 @@ impl Recorder {
             writer.attachment(&name, "application/yaml", text.as_bytes())?;
         }
         let runs = layout.runs.len();
-        let (frames, first_ns, warnings) = (vec![0; runs], vec![None; runs], Vec::new());
-        let nothing = Resumed { writer, frames, once: BTreeMap::new(), artifacts: BTreeSet::new(), first_ns, warnings };
+        let nothing = Resumed {
+            writer,
+            frames: vec![0; runs],
+            first: vec![None; runs],
+            once: BTreeMap::new(),
+            artifacts: BTreeSet::new(),
+            first_ns: vec![None; runs],
+            warnings: Vec::new(),
+        };
         Ok(Self::new(path, plan, layout, nothing))
     }
 
@@ -149,17 +160,35 @@ impl Recorder {
 
     fn new(path: PathBuf, plan: &Plan, layout: FileLayout, resumed: Resumed) -> Self {
         let compress_ns = layout.runs.iter().map(|run| vec![0; run.parts]).collect();
-        let Resumed { writer, frames: written, once, artifacts, first_ns, warnings } = resumed;
+        let Resumed { writer, frames: written, first, once, artifacts, first_ns, warnings } = resumed;
         let frames = written.iter().sum::<usize>() as u64;
-        let state = Mutex::new(State { writer, frames, artifacts, committed: written.clone(), first_ns, compress_ns });
+        let committed = written.clone();
+        let state = Mutex::new(State { writer, frames, artifacts, first, committed, first_ns, compress_ns });
         let encoder = PartEncoder::new(path.clone(), layout, plan.record.every);
-        Self { path, encoder, state, durable: false, written, once, warnings }
+        Self { path, encoder, state, durable: false, records_frames: true, written, once, warnings }
     }
 
     /// Waits for the disk after every frame.
     #[must_use]
     pub fn durable(self, durable: bool) -> Self {
         Self { durable, ..self }
+    }
+
+    /// Records only frames of some stage runs, from a position on. A resumed recording states that already.
+    ///
+    /// # Errors
+    /// If the disk refuses.
+    pub fn with_windows(self, windows: &[RecordedWindow]) -> Result<Self, RecordingError> {
+        if self.state().first.iter().all(Option::is_none) {
+            windows.iter().try_for_each(|window| self.record_window(*window))?;
+        }
+        Ok(self)
+    }
+
+    /// Records aggregate values only.
+    #[must_use]
+    pub fn without_frames(self) -> Self {
+        Self { records_frames: false, ..self }
     }
 
     /// The number of frames in the recording so far, over all stage runs.
@@ -220,11 +249,13 @@ impl Recorder {
         locked(&self.state)
     }
 
-    /// States that the file has only frames of one stage run, from a position on.
+    /// States that the file has only frames of stage runs with a window, from a position on.
     pub(crate) fn record_window(&self, window: RecordedWindow) -> Result<(), RecordingError> {
         let entries = [("run", window.run.0), ("first", window.first.0)];
         let entries = entries.map(|(name, number)| (name.to_owned(), number.to_string()));
-        self.state().writer.metadata(WINDOW_METADATA, entries.into())
+        let mut state = self.state();
+        state.first[window.run] = Some(window.first);
+        state.writer.metadata(WINDOW_METADATA, entries.into())
     }
 
     /// Appends a frame: its parts, then its commit record. `position` is the frame's position in its stage run; `None`
@@ -244,8 +275,9 @@ impl Recorder {
         if commit.live.is_some() {
             state.writer.set_schema(channel, Schema::LiveCommit);
         }
-        // All frames of a stage run are committed, in order.
-        let position = position.unwrap_or(FrameIndex(state.committed[commit.run]));
+        // All frames of a stage run, or of its window, are committed, in order.
+        let first = state.first[commit.run].map_or(0, |first| first.0);
+        let position = position.unwrap_or(FrameIndex(first + state.committed[commit.run]));
         let frame = at_the_time_shown(position, commit.frame);
         let closing = state.writer.closing_part(channel, |crc| self.encoder.commit_part(commit, &frame, crc))?;
         self.encoder.recycle_commit(commit.run, closing);
@@ -267,7 +299,7 @@ impl Sink for Recorder {
     }
 
     fn part(&self, run: RunId, slot: Slot) -> Option<PartId> {
-        self.encoder.part(run, slot)
+        if self.records_frames { self.encoder.part(run, slot) } else { None }
     }
 
     fn encode(
@@ -315,6 +347,9 @@ impl Sink for Recorder {
     }
 
     fn write(&self, commit: &Commit<'_>, parts: Vec<Part>) -> Result<(), ErrorMessage> {
+        if !self.records_frames {
+            return Ok(());
+        }
         self.append(commit, None, &parts)?;
         self.encoder.recycle(commit.run, parts);
         Ok(())

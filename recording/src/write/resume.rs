@@ -61,8 +61,9 @@ impl Recording {
     /// recorded there.
     #[must_use]
     pub fn is_frame(&self, run: RunId, position: FrameIndex, frame: &Frame) -> bool {
-        let frame = at_the_time_shown(position, frame);
         let recorded = self.frames(run).get(position.0);
+        let first = self.windows().into_iter().find(|window| window.run == run).map_or(0, |window| window.first.0);
+        let frame = at_the_time_shown(FrameIndex(first + position.0), frame);
         recorded.is_some_and(|recorded| {
             (&recorded.id, recorded.index, recorded.time_ns) == (&frame.id, frame.index, frame.time_ns)
         })
@@ -207,6 +208,8 @@ pub(crate) struct Resumed {
     pub(crate) writer: Writer,
     /// By stage run, the number of frames it contains.
     pub(crate) frames: Vec<usize>,
+    /// By stage run, the position of its first frame, where the file states it.
+    pub(crate) first: Vec<Option<FrameIndex>>,
     /// The keys of the aggregate values it contains, by node and port.
     pub(crate) once: BTreeMap<(NodeRef, PortId), depthloom_graphs::Key>,
     pub(crate) artifacts: BTreeSet<depthloom_graphs::Key>,
@@ -230,9 +233,12 @@ pub(crate) fn resume(
         RecordedContent::Attachment { hash, .. } => Some(*hash),
         RecordedContent::Messages { .. } => None,
     };
+    let windows = recording.windows();
+    let first = |run| windows.iter().find(|window| window.run == run).map(|window| window.first);
     Ok(Some(Resumed {
         writer,
         frames: runs.clone().map(|run| recording.frames(run).len()).collect(),
+        first: runs.clone().map(first).collect(),
         once: once.iter().map(|once| ((NodeRef { run: once.run, node: once.node }, once.port), once.key)).collect(),
         artifacts: once.iter().filter_map(|once| artifact(&once.content)).collect(),
         warnings: runs

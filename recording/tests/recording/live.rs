@@ -77,6 +77,6 @@ fn a_batch_recording_has_no_live_frames() {
     let path = folder.path().join("recording.mcap");
     crate::fixture::record(&path, &crate::fixture::plan(), 0..2, 16, 12);
     assert_eq!(Recording::open(&path).unwrap().live_totals(), None);
-    assert_eq!(Recording::open(&path).unwrap().window(), None);
+    assert_eq!(Recording::open(&path).unwrap().windows(), []);
     assert!(!std::fs::read(&path).unwrap().windows(13).any(|bytes| bytes == b"dropped_graph"));
 }

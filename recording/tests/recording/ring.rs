@@ -119,7 +119,7 @@ fn a_ring_writes_the_frames_of_its_window_with_equal_values() {
     let recording = Recording::open(&written.path).unwrap();
     assert!(recording.frames(TRAIN).is_empty());
     let window = RecordedWindow { run: LIVE, first: FrameIndex(12 - frames as usize) };
-    assert_eq!(recording.window(), Some(window));
+    assert_eq!(recording.windows(), [window]);
     assert_eq!(recording.frames(LIVE)[0].index, 12 - frames, "frames keep their numbers");
     let [model, learning_curve] = recording.aggregate_values() else { panic!("two aggregate values are expected") };
     assert_eq!((model.run, learning_curve.run), (TRAIN, TRAIN));

@@ -1,7 +1,7 @@
 //! What a run would reuse and compute, found by cache keys alone.
 
 use std::collections::{BTreeMap, HashMap};
-use std::ops::ControlFlow;
+use std::ops::{ControlFlow, Range};
 
 use depthloom_graphs::contracts::{Commit, Contract, ErrorMessage, NodeWarning, Sink, Slot, Store};
 use depthloom_graphs::plan::{FrameIndex, NodeId, NodeRef, Origin, PartId, Plan, PlannedOutput, RunId};
@@ -10,6 +10,7 @@ use depthloom_graphs::{Frame, Host, Key, Rate, Source, Value, ValueType, value_k
 
 use crate::aggregate_values::{AggregateState, AggregateValue, AggregateValues, inputs_of};
 use crate::reuse::{Reuse, StepAction, aggregate_values};
+use crate::share::Share;
 use crate::stage::frame_graph::{FrameGraph, StepId};
 
 /// What a run would do with a node.
@@ -78,7 +79,7 @@ impl Sink for Preview<'_> {
 pub fn foresee(ready: &Ready, store: &dyn Store, host: &dyn Host) -> Result<Vec<Vec<Foreseen>>, ErrorMessage> {
     let sink = Preview { plan: &ready.plan, store };
     let mut foreseen = Vec::with_capacity(ready.runs.len());
-    walk(ready, &sink, host, |stage| {
+    walk(ready, &sink, host, None, |stage| {
         let mut nodes = stage.nodes.clone();
         for position in FrameIndex::all(stage.source.frames().len()) {
             let Ok(key) = stage.source.key(position) else { continue };
@@ -101,6 +102,8 @@ pub fn foresee(ready: &Ready, store: &dyn Store, host: &dyn Host) -> Result<Vec<
 pub(crate) struct KnownStage<'w> {
     pub(crate) run: RunId,
     pub(crate) source: &'w dyn Source,
+    /// The frames that are processed.
+    pub(crate) range: Range<usize>,
     pub(crate) graph: &'w FrameGraph,
     pub(crate) reuse: &'w Reuse<'w>,
     /// By node; of aggregate nodes only.
@@ -114,6 +117,7 @@ pub(crate) fn walk(
     ready: &Ready,
     sink: &Preview<'_>,
     host: &dyn Host,
+    share: Option<&Share>,
     mut visit: impl FnMut(&KnownStage<'_>) -> ControlFlow<()>,
 ) -> Result<(), ErrorMessage> {
     let Ready { plan, runs, files, .. } = ready;
@@ -121,16 +125,21 @@ pub(crate) fn walk(
     for (run, ReadyRun { source, .. }) in RunId::enumerate(runs) {
         let planned = &plan.runs[run];
         let (mut nodes, mut aggregates) = (vec![Foreseen::default(); planned.nodes.len()], BTreeMap::new());
-        once(plan, run, sink.store, &mut values, (&mut nodes, &mut aggregates), &HashMap::new());
-        let graph = FrameGraph::new(run, planned, sink, |from| match values.find(from) {
+        once(plan, run, (sink.store, share), &mut values, (&mut nodes, &mut aggregates), &HashMap::new());
+        let range = Share::frames(share, run, source.as_ref());
+        let omitted = share.map(|share| share.omitted(run, planned, &range, &values)).unwrap_or_default();
+        let graph = FrameGraph::new(run, planned, sink, &omitted, |from| match values.find(from) {
             AggregateState::Pending => AggregateState::There(pending(from)),
             known => known,
         })?;
-        let Some(reuse) = Reuse::new(run, planned, &graph, source.as_ref(), sink, host) else { continue };
+        let Some(reuse) = Reuse::new(run, planned, &graph, source.as_ref(), sink, host, range.start) else {
+            continue;
+        };
         let finished = NodeId::enumerate(&reuse.finished).filter_map(|(node, known)| Some((node, known.as_ref()?)));
         let finished = finished.map(|(node, known)| (node, (known.key, known.values.clone()))).collect();
-        once(plan, run, sink.store, &mut values, (&mut nodes, &mut aggregates), &finished);
-        let stage = KnownStage { run, source: source.as_ref(), graph: &graph, reuse: &reuse, nodes, aggregates };
+        once(plan, run, (sink.store, share), &mut values, (&mut nodes, &mut aggregates), &finished);
+        let source = source.as_ref();
+        let stage = KnownStage { run, source, range, graph: &graph, reuse: &reuse, nodes, aggregates };
         if visit(&stage).is_break() {
             break;
         }
@@ -145,15 +154,19 @@ type FinishedValues = HashMap<NodeId, (Key, Vec<Option<Value>>)>;
 fn once(
     plan: &Plan,
     run: RunId,
-    store: &dyn Store,
+    (store, share): (&dyn Store, Option<&Share>),
     values: &mut AggregateValues,
     (foreseen, aggregates): (&mut [Foreseen], &mut BTreeMap<NodeId, Key>),
     finished: &FinishedValues,
 ) {
     let planned = &plan.runs[run];
+    if let Some(share) = share {
+        share.find_aggregates(run, planned, store, values);
+    }
     for (node, planned_node) in NodeId::enumerate(&planned.nodes) {
         let known = match planned_node.contract {
             Contract::Pure => continue,
+            _ if share.is_some_and(|share| !share.computes(NodeRef { run, node })) => continue,
             Contract::Ordered => finished.get(&node).cloned(),
             Contract::Once => inputs_of(planned_node, values).and_then(|inputs| {
                 let keys: Vec<Option<Key>> = inputs.iter().map(|input| input.as_ref().map(|once| once.key)).collect();

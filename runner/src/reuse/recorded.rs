@@ -9,6 +9,7 @@ use depthloom_graphs::ready::Ready;
 use depthloom_graphs::{ErrorMessage, Frame, Host, Key};
 
 use crate::reuse::foresee::{KnownStage, Preview, walk};
+use crate::share::Share;
 use crate::stage::frame_graph::StepId;
 
 /// The frames and aggregate values that an interrupted run recorded.
@@ -33,7 +34,7 @@ pub trait RecordedValues {
 }
 
 /// Why the frames and values that an interrupted run recorded, which `store` has, are not what a run would record
-/// today. `None` if they are.
+/// today; with `share`, what it would record of that share. `None` if they are.
 ///
 /// # Errors
 /// If the plan contradicts itself.
@@ -42,10 +43,11 @@ pub fn outdated(
     store: &dyn Store,
     recorded: &dyn RecordedValues,
     host: &dyn Host,
+    share: Option<&Share>,
 ) -> Result<Option<String>, ErrorMessage> {
     let sink = Preview { plan: &ready.plan, store };
     let mut found = None;
-    walk(ready, &sink, host, |stage| {
+    walk(ready, &sink, host, share, |stage| {
         found = outdated_in(ready, stage, recorded);
         if found.is_some() { ControlFlow::Break(()) } else { ControlFlow::Continue(()) }
     })?;
@@ -53,25 +55,26 @@ pub fn outdated(
 }
 
 fn outdated_in(ready: &Ready, known: &KnownStage<'_>, recorded: &dyn RecordedValues) -> Option<String> {
-    let (run, planned) = (known.run, &ready.plan.runs[known.run]);
+    let (run, planned, range) = (known.run, &ready.plan.runs[known.run], &known.range);
     let stage = &planned.stage;
     for position in FrameIndex::all(recorded.frames(run)) {
-        let Some(frame) = known.source.frames().get(position.0) else {
+        let today = FrameIndex(range.start + position.0);
+        let Some(frame) = known.source.frames().get(today.0).filter(|_| range.contains(&today.0)) else {
             return Some(format!("stage `{stage}` has {position} frames today, and had more"));
         };
         let id = &frame.id;
         if !recorded.is_frame(run, position, frame) {
-            let number = position.0 + 1;
+            let number = today.0 + 1;
             return Some(format!("frame {number} of stage `{stage}` is `{id}` today, and was another frame"));
         }
         // A failure is not a result: today it may succeed.
         let Some(key) = recorded.source_key(run, position).filter(|_| !recorded.has_failed(run, position)) else {
             return Some(format!("frame `{id}` of stage `{stage}` failed then"));
         };
-        if known.source.key(position).ok() != Some(key) {
+        if known.source.key(today).ok() != Some(key) {
             return Some(format!("the data of frame `{id}` of stage `{stage}` changed"));
         }
-        let keys = known.reuse.keys(known.graph, position, key);
+        let keys = known.reuse.keys(known.graph, today, key);
         let mut node_keys = recorded.node_keys(run, position).iter();
         if let Some(changed) = node_keys.find(|stored| keys[StepId::of_node(stored.node)] != Some(stored.key)) {
             let node = &planned.nodes[changed.node].name;
@@ -81,7 +84,7 @@ fn outdated_in(ready: &Ready, known: &KnownStage<'_>, recorded: &dyn RecordedVal
         }
     }
     // Aggregate values and later stages are written after the last frame of a stage.
-    let (then, today) = (recorded.frames(run), known.source.frames().len());
+    let (then, today) = (recorded.frames(run), range.len());
     let is_written = |later: RunId| later > run && recorded.frames(later) > 0 || !recorded.aggregates(later).is_empty();
     if then < today && RunId::all(ready.plan.runs.len()).skip(run.0).any(is_written) {
         return Some(format!("stage `{stage}` has {today} frames today, and ended after {then}"));

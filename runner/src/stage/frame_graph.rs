@@ -1,5 +1,7 @@
 //! A stage run's frame graph by index: which step waits for which, and the places of values.
 
+use std::collections::BTreeSet;
+
 use depthloom_graphs::contracts::{Contract, Sink, Slot};
 use depthloom_graphs::plan::{NodeId, Origin, PartId, PlannedOutput, RunId, StageRun};
 use depthloom_graphs::{ErrorMessage, Port, Rate, index_type};
@@ -84,6 +86,8 @@ pub(crate) struct Producer {
     pub(crate) outputs: Vec<Port>,
     /// The place of the first output; the others follow.
     pub(crate) first_place: PlaceId,
+    /// Whether it runs on no frame, because another process computes it.
+    pub(crate) is_omitted: bool,
 }
 
 impl Producer {
@@ -118,7 +122,7 @@ pub(crate) struct FrameGraph {
 }
 
 impl FrameGraph {
-    /// `once` finds the aggregate values that are known before the frames.
+    /// `omitted` nodes have no inputs and no values; `once` finds the aggregate values that are known before the frames.
     ///
     /// # Errors
     /// If the plan contradicts itself or the sink.
@@ -126,6 +130,7 @@ impl FrameGraph {
         run: RunId,
         plan: &StageRun,
         sink: &T,
+        omitted: &BTreeSet<NodeId>,
         once: impl Fn(&Origin) -> AggregateState,
     ) -> Result<Self, ErrorMessage> {
         let source = Producer {
@@ -133,15 +138,17 @@ impl FrameGraph {
             feeds: Vec::new(),
             outputs: frame_ports(&plan.source.outputs),
             first_place: PlaceId(0),
+            is_omitted: false,
         };
         let mut places = source.outputs.len();
         let mut producers = vec![source];
-        for node in &plan.nodes {
+        for (index, node) in NodeId::enumerate(&plan.nodes) {
             let outputs = frame_ports(&node.outputs);
             let inputs = node.inputs.iter().map(|i| i.port.clone()).collect();
             let first_place = PlaceId(places);
             places += outputs.len();
-            producers.push(Producer { inputs, feeds: Vec::new(), outputs, first_place });
+            let is_omitted = omitted.contains(&index);
+            producers.push(Producer { inputs, feeds: Vec::new(), outputs, first_place, is_omitted });
         }
         let mut graph = Self {
             places: (0..places).map(|_| Place { uses: 0, keyed: false }).collect(),
@@ -153,7 +160,8 @@ impl FrameGraph {
         for (index, node) in NodeId::enumerate(&plan.nodes).filter(|(_, n)| n.contract != Contract::Once) {
             let own_step = StepId::of_node(index);
             let mut feeds = Vec::with_capacity(node.inputs.len());
-            for input in &node.inputs {
+            let inputs = if omitted.contains(&index) { &[][..] } else { &node.inputs };
+            for input in inputs {
                 let feed = match &input.from {
                     None => Feed::Unwired,
                     Some(Origin::Here(slot)) => graph.place_of(plan, *slot).ok_or_else(|| {

@@ -64,18 +64,19 @@ pub(crate) fn retire_all<T: Sink>(
     ledger: &mut Ledger<'_>,
 ) -> Result<Completion, RunError> {
     let frames = stage.source.frames();
-    let first = stage.reuse.as_ref().map_or(0, Reuse::first).min(frames.len());
-    for frame in &frames[..first] {
+    let (start, end) = (stage.range.start, stage.range.end);
+    let first = stage.reuse.as_ref().map_or(start, Reuse::first).clamp(start, end);
+    for frame in &frames[start..first] {
         stage.context.observer.frame_retired(stage.run, frame, &[]);
     }
     stage.start_at(FrameIndex(first));
     stage.repeat_warnings();
-    ledger.stage.resumed = stage.written() as u64;
-    ledger.stage.retired = first as u64;
+    ledger.stage.resumed = (stage.written() - start) as u64;
+    ledger.stage.retired = (first - start) as u64;
     let (mut admitted, mut retired) = (first, first);
     let mut complete = BTreeMap::new();
     loop {
-        while admitted < frames.len()
+        while admitted < end
             && admitted < retired + stage.context.window
             && !stage.context.interrupt.stops_admission()
             && !stage.is_past_the_last(FrameIndex(admitted))
@@ -101,7 +102,7 @@ pub(crate) fn retire_all<T: Sink>(
         retired += 1;
         stage.set_oldest(FrameIndex(retired));
     }
-    Ok(if retired == frames.len() { Completion::Complete } else { Completion::Interrupted })
+    Ok(if retired == end { Completion::Complete } else { Completion::Interrupted })
 }
 
 /// Writes a frame whose steps have all ended.

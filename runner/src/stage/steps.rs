@@ -127,6 +127,9 @@ impl<T: Sink> Stage<'_, T> {
 
     pub(super) fn run_node(&self, frame: &InFlight<T::Part>, node: NodeId, worker: &mut WorkerState) -> Settled {
         let step = StepId::of_node(node);
+        if matches!(self.nodes[node], FrameNode::Omitted) {
+            return Settled::at_once(Outcome::Absent);
+        }
         if *frame.action(step) != StepAction::Run {
             self.drop_inputs(frame, step);
             return self.reuse(frame, step);
@@ -178,7 +181,7 @@ impl<T: Sink> Stage<'_, T> {
                     }
                 }
             }
-            FrameNode::Once => Err(Fault::new("an aggregate node does not see frames")),
+            FrameNode::Once | FrameNode::Omitted => Err(Fault::new("an aggregate node does not see frames")),
         };
         let spent = worker.stop(watch, &host);
         frame.add_warnings(host.into_warnings());

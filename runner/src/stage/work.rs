@@ -74,7 +74,7 @@ impl<T: Sink> Stage<'_, T> {
         let ordered = |step: Step| match step {
             Step::Node(node) => match &self.nodes[node] {
                 FrameNode::Ordered(ordered) => Some(ordered),
-                FrameNode::Pure(_) | FrameNode::Once => None,
+                FrameNode::Pure(_) | FrameNode::Once | FrameNode::Omitted => None,
             },
             Step::Source | Step::Encode(_) => None,
         };

@@ -16,6 +16,12 @@ use crate::output::diagnostics::print_warning;
 
 pub(crate) fn dora(args: &DoraArgs, registry: &Registry) -> Result<ExitCode, CliError> {
     is_file(&args.run.experiment)?;
+    if args.run.shard.is_some() || args.run.require_shards {
+        return Err(CliError::usage(
+            "a dataflow computes everything: --shard and --require-shards are options of `run`",
+            "leave them out",
+        ));
+    }
     let loaded = load(&args.run.experiment, registry, false)?;
     allow_exec::decide(args.run.exec, Some((&args.run.experiment.experiment, &loaded)))?;
     let plan = loaded.plan;

@@ -70,6 +70,7 @@ pub(crate) fn dora_node(mut args: DoraNodeArgs, registry: &Registry) -> Result<E
         keep_going: true,
         checkpoints: None,
         audit: Audit::None,
+        share: None,
     };
     run_part(part, &loaded.plan, registry, &bridge, &options, &interrupt)
 }
