@@ -20,6 +20,7 @@ mod experiment;
 mod export;
 mod figure;
 mod inspect;
+mod jobs;
 mod live;
 mod recording;
 mod run;
@@ -43,6 +44,7 @@ pub(crate) use experiment::{CheckArgs, ExecArgs, ExperimentArgs, GraphArgs, Grap
 pub(crate) use export::{ColoursOption, ExportArgs};
 pub(crate) use figure::{FigureArgs, FigureFormat};
 pub(crate) use inspect::InspectArgs;
+pub(crate) use jobs::{JobsArgs, JobsCommand, RetryArgs, SchedulerOption, StartArgs, SubmitArgs};
 pub(crate) use live::{Cores, LimitArgs, LiveArgs, TriggerSignal};
 pub(crate) use recording::VerifyArgs;
 pub(crate) use run::{AuditMode, PageArgs, ReportArgs, RunArgs, SplitBy};
@@ -86,10 +88,11 @@ pub(crate) enum Colour {
 }
 
 /// The commands that `depthloom --help` lists, by workflow; a test compares them with the grammar.
-pub(crate) const GROUPS: [(&str, &[&str]); 6] = [
+pub(crate) const GROUPS: [(&str, &[&str]); 7] = [
     ("Author", &["new", "check", "plan", "graph", "nodes", "schema", "lsp"]),
     ("Data", &["inspect", "synth"]),
     ("Run", &["run", "live", "evaluate", "dora"]),
+    ("Cluster", &["submit", "jobs"]),
     ("Results", &["report", "table", "compare", "explain", "analyse", "figure", "export"]),
     ("Runs and recordings", &["runs", "verify"]),
     ("Setup", &["doctor", "completions", "man"]),
@@ -150,6 +153,15 @@ pub(crate) enum Command {
     /// It reads depth or disparity maps from files, scores them against the ground truth of a data set, and writes a
     /// run like any other. No YAML is needed.
     Evaluate(EvaluateArgs),
+    /// Submit an experiment as jobs of a cluster.
+    ///
+    /// It splits the run into job arrays of Slurm: shards of frames or variants, one job for each training, and a last
+    /// run that reuses everything, scores and reports. Its recording has the bytes that one machine would have written.
+    Submit(SubmitArgs),
+    /// Show, retry or cancel submitted jobs.
+    ///
+    /// Without a command it shows the states of the jobs: waiting, running, finished, stopped, failed.
+    Jobs(JobsArgs),
     /// Print the experiment as a dora dataflow.
     ///
     /// Every node becomes a process of its own, on one machine or several; `dora run` runs the dataflow. The command

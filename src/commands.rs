@@ -1,6 +1,7 @@
 //! The commands by workflow, and what they print with `--json`.
 
 pub(crate) mod analysis;
+pub(crate) mod cluster;
 pub(crate) mod evaluate;
 pub(crate) mod experiments;
 pub(crate) mod inspect;
@@ -39,6 +40,7 @@ outputs! {
     "inspect-data-set" => inspect::data_set::Data,
     "inspect-onnx" => inspect::network::Onnx,
     "inspect-recording" => inspect::recording::Info,
+    "jobs" => cluster::show::Jobs,
     "live" => crate::execution::live::LiveOutput,
     "nodes" => render::Nodes,
     "nodes-kind" => render::NodesKind,

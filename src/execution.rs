@@ -18,7 +18,7 @@ use depthloom_graphs::{counted, render};
 use depthloom_jobs::Shard;
 use depthloom_nodes::onnx;
 use depthloom_recording::{Condition, Recorder, Recording};
-use depthloom_runner::{Checkpoints, Interrupt, Observer, Options, Report, RunError, Unwatched};
+use depthloom_runner::{Checkpoints, Interrupt, Observer, Options, Report, RunError};
 use depthloom_runs::environment::{self, ENVIRONMENT, Environment};
 use depthloom_runs::reuse::{self, Reused};
 use depthloom_runs::run_folder::RunFolder;
@@ -86,6 +86,7 @@ pub(crate) fn carry_out(
     mut ready: Ready,
     interrupt: &Interrupt,
     remote: Option<&RemoteNodes<'_>>,
+    watch: &dyn Observer,
     found: &[String],
 ) -> Result<(ExitCode, PathBuf), CliError> {
     let Loaded { stored, read, .. } = loaded;
@@ -118,7 +119,7 @@ pub(crate) fn carry_out(
 
     let stopped = || interrupt.stops_admission();
     let partial = folder.partial.clone();
-    let target = Target { folder: &folder, partial: &partial, remote, shard: None };
+    let target = Target { folder: &folder, partial: &partial, remote, shard: None, watch };
     let recorded = record(ready, &plan, args, &options, target, resumable, interrupt, &stopped);
     let Recorded { failed, warnings, checkpoints, reused, prepared, has_printed } = match recorded {
         Ok(recorded) => recorded,
@@ -199,12 +200,7 @@ struct Target<'a, 'b> {
     partial: &'a Path,
     remote: Option<&'b RemoteNodes<'b>>,
     /// If this process computes a shard of the run.
-    shard: Option<&'b ShardTarget<'b>>,
-}
-
-/// What is recorded of a shard.
-struct ShardTarget<'b> {
-    shard: &'b Shard,
+    shard: Option<&'b Shard>,
     watch: &'b dyn Observer,
 }
 
@@ -227,7 +223,7 @@ fn record<'a>(
     plan: &Plan,
     args: &RunArgs,
     options: &Options,
-    Target { folder, partial, remote, shard }: Target<'a, '_>,
+    Target { folder, partial, remote, shard, watch }: Target<'a, '_>,
     resumable: Reusable,
     interrupt: &Interrupt,
     stopped: &'a (dyn Fn() -> bool + Sync),
@@ -254,7 +250,7 @@ fn record<'a>(
         is_suspect: false,
     })?;
     let recorder =
-        if shard.is_some_and(|shard| !shard.shard.records_frames()) { recorder.without_frames() } else { recorder };
+        if shard.is_some_and(|shard| !shard.records_frames()) { recorder.without_frames() } else { recorder };
     if resumable.is_some() && !is_silent(args) {
         let (frames, partial) = (counted(recorder.frames(), "frame"), folder.partial.display());
         say(format_args!("resuming {partial} after {frames}"));
@@ -270,8 +266,7 @@ fn record<'a>(
         None => SampleSink::new(&recorder, plan, partial, samples_in_memory, stopped).ok(),
         Some(_) => None,
     };
-    let watched = remote.map(|remote| remote.observer).or(shard.map(|shard| shard.watch));
-    let watch = Both(&progress, watched.unwrap_or(&Unwatched));
+    let watch = Both(&progress, remote.map_or(watch, |remote| remote.observer));
     let ran = match &sample_sink {
         Some(sink) => depthloom_runner::run(ready, sink, options, &watch, interrupt),
         None => depthloom_runner::run(ready, &recorder, options, &watch, interrupt),

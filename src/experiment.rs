@@ -1,7 +1,7 @@
 //! Experiment files as commands read them.
 
 use std::io::{self, Read as _};
-use std::path::Path;
+use std::path::{Path, PathBuf};
 
 use depthloom_graphs::language::{Loaded, Options, Severity};
 use depthloom_graphs::{Registry, counted};
@@ -36,9 +36,19 @@ pub(crate) fn is_file(args: &ExperimentArgs) -> Result<(), CliError> {
 
 /// Loads an experiment; prints its warnings unless `quiet`.
 pub(crate) fn load(args: &ExperimentArgs, registry: &Registry, quiet: bool) -> Result<Loaded, CliError> {
+    load_texts(args, registry, quiet, Vec::new())
+}
+
+/// As [`load`], with texts that replace files on disk.
+pub(crate) fn load_texts(
+    args: &ExperimentArgs,
+    registry: &Registry,
+    quiet: bool,
+    open_texts: Vec<(PathBuf, String)>,
+) -> Result<Loaded, CliError> {
     let ExperimentArgs { set, matrix, variants, .. } = args.clone();
     let text = if args.experiment == Path::new(STANDARD_INPUT) { Some(standard_input()?) } else { None };
-    let options = Options { set, matrix, only: variants, text, ..Default::default() };
+    let options = Options { set, matrix, only: variants, text, open_texts, ..Default::default() };
     match depthloom_graphs::language::load(&args.experiment, registry, &options) {
         Ok(loaded) => {
             if !quiet {

@@ -132,6 +132,8 @@ fn program(registry: &Registry, as_json: bool) -> Result<ExitCode, CliError> {
         Command::Figure(args) => commands::analysis::figure::figure(&args),
         Command::Export(args) => commands::recordings::export::export(&args),
         Command::Verify(args) => commands::recordings::verify::verify(&args, registry),
+        Command::Submit(args) => commands::cluster::submit::submit(&args, registry),
+        Command::Jobs(args) => commands::cluster::jobs(&args, registry),
         Command::Runs(args) => commands::recordings::runs::runs(&args),
         Command::Nodes(args) => commands::reference::nodes::nodes(&args, registry),
         Command::Dora(args) => commands::experiments::dora::dora(&args, registry),

@@ -15,6 +15,7 @@ use depthloom_graphs::plan::FrameIndex;
 use depthloom_graphs::ready::Ready;
 use depthloom_graphs::registry::SourceEntry;
 use depthloom_graphs::{Context, Frame, Registry, Scratch, Source, Value};
+use depthloom_runner::Unwatched;
 use depthloom_terminal::{CliError, ExitCode, Problem, print, say};
 use serde_json::{Map, Value as Json};
 
@@ -103,7 +104,7 @@ pub(crate) fn evaluate(args: &EvaluateArgs, registry: &Registry) -> Result<ExitC
     })?;
     let ready = Ready::new(loaded.plan.clone(), registry).map_err(|missing| CliError::of_missing(&missing))?;
     let interrupt = signals::listen("stopping: frames in flight are finished")?;
-    let (exit, folder) = carry_out(&run_args(args), loaded, ready, &interrupt, None, &warnings)?;
+    let (exit, folder) = carry_out(&run_args(args), loaded, ready, &interrupt, None, &Unwatched, &warnings)?;
     match &args.baseline {
         Some(baseline) if predictions.len() > 1 && exit == ExitCode::Success => compare_with(baseline, &folder, exit),
         _ => Ok(exit),

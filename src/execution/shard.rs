@@ -5,17 +5,18 @@ use std::path::{Path, PathBuf};
 use depthloom_analysis::plan_key;
 use depthloom_graphs::counted;
 use depthloom_graphs::language::Loaded;
-use depthloom_graphs::plan::{NodeId, Plan, RunId};
+use depthloom_graphs::plan::{Plan, RunId};
 use depthloom_graphs::ready::Ready;
 use depthloom_jobs::{Shard, ShardFolder, damage};
 use depthloom_recording::RecordedPlan;
-use depthloom_runner::{Interrupt, Observer, Share};
+use depthloom_runner::{Interrupt, Observer, Share, StageShare};
 use depthloom_runs::environment::{self, ENVIRONMENT};
+use depthloom_runs::run_folder::CHECKPOINTS;
 use depthloom_runs::{GitState, reuse};
 use depthloom_terminal::{CliError, ExitCode, print_path, say};
 
 use super::folder::{FolderRequest, Reusable, make_folder};
-use super::{Recorded, ShardTarget, Target, is_silent, options, print_warnings, record};
+use super::{Recorded, Target, is_silent, options, print_warnings, record};
 use crate::args::RunArgs;
 
 /// The folder of the shards of a plan, in the folder of runs.
@@ -44,7 +45,7 @@ pub(crate) fn compute(
             if !is_silent(args) {
                 say(format_args!("{} is complete in {}", shard.text(), out.display()));
             }
-            return Ok(Computed { frames: 0, failed: 0, out: out.to_owned() });
+            return Ok(Computed { failed: 0, out: out.to_owned() });
         };
         print_warnings(args, &[format!("recomputing {}: {damage}", out.display())]);
     }
@@ -63,15 +64,16 @@ pub(crate) fn compute(
     let counts: Vec<usize> = ready.runs.iter().map(|run| run.source.frames().len()).collect();
     let share = shard.share(&plan, &counts, earlier.aggregates_in(folder.path()));
     let resumable = Reusable { resumable, earlier }.verified(args, &run_folder, &ready, Some(&share), false)?;
-    let (text, frames) =
-        (describe(shard, &share, &plan), share.runs.iter().map(|stage| stage.frames.len() as u64).sum());
+    let text = describe(shard, &share, &plan);
     if !is_silent(args) {
         say(text);
     }
     let mut options = options(args, &run_folder);
     options.share = Some(share);
-    let (partial, target) = (run_folder.partial.clone(), ShardTarget { shard, watch });
-    let target = Target { folder: &run_folder, partial: &partial, remote: None, shard: Some(&target) };
+    // Checkpoints are where the next process finds them, on whichever machine it runs.
+    options.checkpoints = Some(folder.path().join(CHECKPOINTS));
+    let partial = run_folder.partial.clone();
+    let target = Target { folder: &run_folder, partial: &partial, remote: None, shard: Some(shard), watch };
     let recorded = record(ready, &plan, args, &options, target, resumable, interrupt, &|| false);
     let Recorded { failed, checkpoints, .. } = match recorded {
         Ok(recorded) => recorded,
@@ -81,13 +83,11 @@ pub(crate) fn compute(
     run_folder.write(ENVIRONMENT, &environment.text())?;
     let out = run_folder.finish()?;
     checkpoints.remove();
-    Ok(Computed { frames, failed, out })
+    Ok(Computed { failed, out })
 }
 
 /// What came of a shard.
 pub(crate) struct Computed {
-    /// The frames of its share, over all stage runs.
-    pub(crate) frames: u64,
     /// Those that failed.
     pub(crate) failed: u64,
     pub(crate) out: PathBuf,
@@ -108,14 +108,12 @@ impl Computed {
     }
 }
 
-/// `shard 1/4 of the frames: 12 frames of learn, 4 of compare; 2 of 24 nodes run elsewhere`.
+/// `shard 1/4 of the frames: 12 frames of learn, 4 frames of compare`.
 fn describe(shard: &Shard, share: &Share, plan: &Plan) -> String {
     let stages = RunId::enumerate(&share.runs).filter(|(_, stage)| !stage.frames.is_empty());
-    let frames: Vec<String> = stages
-        .map(|(run, stage)| format!("{} of {}", counted(stage.frames.len() as u64, "frame"), plan.runs[run].stage))
-        .collect();
-    let frames = if frames.is_empty() { "no frames".to_owned() } else { frames.join(", ") };
-    let all: usize = plan.runs.iter().map(|run| NodeId::all(run.nodes.len()).count()).sum();
-    let own: usize = share.runs.iter().map(|stage| stage.nodes.len()).sum();
-    format!("{}: {frames}; {own} of {all} nodes", shard.text())
+    let frames = |(run, stage): (RunId, &StageShare)| {
+        format!("{} of {}", counted(stage.frames.len() as u64, "frame"), plan.runs[run].stage)
+    };
+    let frames: Vec<String> = stages.map(frames).collect();
+    format!("{}: {}", shard.text(), if frames.is_empty() { "no frames".to_owned() } else { frames.join(", ") })
 }

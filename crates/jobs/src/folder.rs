@@ -35,6 +35,12 @@ impl ShardFolder {
         Self { path: runs.join(experiment).join(SHARDS).join(plan) }
     }
 
+    /// A folder that has another name, as that of a copied folder of runs.
+    #[must_use]
+    pub fn at(path: &Path) -> Self {
+        Self { path: path.to_owned() }
+    }
+
     /// The folder.
     #[must_use]
     pub fn path(&self) -> &Path {

@@ -6,7 +6,7 @@ use std::time::Duration;
 use depthloom_dora::{Bridge, BridgeStart, Layout, Mailbox, Role, channel, message, prepare, print_of, run_part};
 use depthloom_graphs::Registry;
 use depthloom_graphs::contracts::Contract;
-use depthloom_runner::{Audit, Interrupt, Options};
+use depthloom_runner::{Audit, Interrupt, Options, Unwatched};
 use depthloom_terminal::{CliError, ExitCode};
 
 use crate::allow_exec;
@@ -50,7 +50,7 @@ pub(crate) fn dora_node(mut args: DoraNodeArgs, registry: &Registry) -> Result<E
             let workers = window + Options::default().workers;
             loaded.plan = ready.plan.clone();
             let remote_nodes = RemoteNodes { observer: &remote, workers, window };
-            carry_out(&dora.run, loaded, ready, &interrupt, Some(&remote_nodes), &[]).map(|(exit, _)| exit)
+            carry_out(&dora.run, loaded, ready, &interrupt, Some(&remote_nodes), &Unwatched, &[]).map(|(exit, _)| exit)
         });
         // No part needs to wait any longer, also after an error. A part that does not receive this notices the end of
         // this process.

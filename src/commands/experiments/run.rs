@@ -25,7 +25,7 @@ pub(crate) fn run(args: &RunArgs, registry: &Registry) -> Result<ExitCode, CliEr
     let interrupt = signals::listen("stopping: frames in flight are finished, training is checkpointed")?;
     let Some(shard) = shard else {
         let missing = missing_shards(args, &shards)?;
-        return carry_out(args, loaded, ready, &interrupt, None, &missing).map(|(exit, _)| exit);
+        return carry_out(args, loaded, ready, &interrupt, None, &Unwatched, &missing).map(|(exit, _)| exit);
     };
     let out = shards.shard(&shard.name());
     let computed = compute(args, loaded, ready, &interrupt, &shard, (&shards, &out), &Unwatched)?;

@@ -1,0 +1,129 @@
+//! The states of a submission's jobs: from the folder, and from Slurm.
+
+use std::collections::BTreeMap;
+use std::path::Path;
+
+use depthloom_runs::RECORDING;
+use depthloom_runs::run_folder::is_held;
+use depthloom_terminal::CliError;
+
+use crate::progress::{Ending, JobProgress};
+use crate::slurm::{TaskState, task_states};
+use crate::submission::{JobId, Scheduler, Submission};
+
+/// The state of a job.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub enum JobState {
+    /// It has not started.
+    Waiting {
+        /// Why, according to Slurm.
+        reason: String,
+        /// Whether a scheduler will start it.
+        is_queued: bool,
+    },
+    /// It runs.
+    Running {
+        /// Processed frames.
+        frames: u64,
+        /// All frames of the stage runs that have started.
+        of: u64,
+        /// Where, and what it does.
+        message: String,
+    },
+    /// Its result is complete.
+    Finished,
+    /// It ended without a result, and resumes when it is started again.
+    Stopped {
+        /// Why.
+        message: String,
+    },
+    /// An error ended it.
+    Failed {
+        /// The error.
+        message: String,
+    },
+}
+
+impl JobState {
+    /// One word for it.
+    #[must_use]
+    pub const fn name(&self) -> &'static str {
+        match self {
+            Self::Waiting { .. } => "waiting",
+            Self::Running { .. } => "running",
+            Self::Finished => "finished",
+            Self::Stopped { .. } => "stopped",
+            Self::Failed { .. } => "failed",
+        }
+    }
+
+    /// Whether it runs, or will run without being started again.
+    #[must_use]
+    pub const fn is_active(&self) -> bool {
+        matches!(self, Self::Running { .. } | Self::Waiting { is_queued: true, .. })
+    }
+}
+
+/// The states of all jobs.
+///
+/// # Errors
+/// If Slurm cannot be asked.
+pub fn states(submission: &Submission, folder: &Path) -> Result<BTreeMap<JobId, JobState>, CliError> {
+    let known = task_states(&submission.slurm)?;
+    // Of a job that was submitted again, the last task counts.
+    let mut tasks = BTreeMap::new();
+    for array in &submission.slurm {
+        for &job in &array.jobs {
+            tasks.insert(JobId { step: array.step, job }, known.get(&(array.id, job - array.first)));
+        }
+    }
+    let state = |job: JobId| (job, state(submission, folder, job, tasks.get(&job).copied().flatten()));
+    Ok(submission.jobs().map(state).collect())
+}
+
+fn state(submission: &Submission, folder: &Path, job: JobId, task: Option<&TaskState>) -> JobState {
+    let result = submission.result(folder, job);
+    if result.join(RECORDING).is_file() {
+        return JobState::Finished;
+    }
+    let progress = JobProgress::read(folder, job);
+    if let Some(task) = task.filter(|task| task.is_active()) {
+        return match progress {
+            Some(JobProgress { frames, of, message, host, .. }) if task.is_running() => {
+                JobState::Running { frames, of, message: on_host(&host, &message) }
+            }
+            _ if task.is_running() => JobState::Running { frames: 0, of: 0, message: String::new() },
+            _ => JobState::Waiting { reason: task.reason.clone(), is_queued: true },
+        };
+    }
+    let ended = task.map(|task| task.state.clone());
+    let Some(progress) = progress else {
+        return match ended {
+            Some(state) => JobState::Stopped { message: format!("Slurm: {state}") },
+            None => JobState::Waiting { reason: String::new(), is_queued: false },
+        };
+    };
+    let JobProgress { ending, frames, of, message, host: machine, .. } = progress;
+    match ending {
+        Ending::Failed => JobState::Failed { message },
+        Ending::Interrupted => JobState::Stopped { message: format!("after {frames} of {of} frames: {message}") },
+        Ending::Finished => JobState::Stopped { message: "its result was removed".to_owned() },
+        // Slurm knows better; elsewhere the lock of the folder tells whether the process is alive.
+        Ending::Running if submission.scheduler != Scheduler::Slurm && is_alive(&result) => {
+            JobState::Running { frames, of, message: on_host(&machine, &message) }
+        }
+        Ending::Running => {
+            let why = ended.map_or_else(|| "it was killed".to_owned(), |state| format!("Slurm: {state}"));
+            JobState::Stopped { message: format!("after {frames} of {of} frames on {machine}: {why}") }
+        }
+    }
+}
+
+/// Whether a process writes the result now.
+fn is_alive(result: &Path) -> bool {
+    is_held(&depthloom_durable::partial_name(result))
+}
+
+fn on_host(host: &str, message: &str) -> String {
+    if message.is_empty() { format!("on {host}") } else { format!("on {host}: {message}") }
+}
