@@ -53,6 +53,8 @@ mod resume;
 mod reuse;
 mod runs;
 mod samples;
+#[cfg(target_os = "linux")]
+mod slurm;
 #[cfg(unix)]
 mod strangers;
 mod support;

@@ -1,5 +1,8 @@
 //! Helpers of the tests: the binary under test, and readers of its output.
 
+#[cfg(target_os = "linux")]
+pub(crate) mod slurm;
+
 use std::path::Path;
 use std::process::{Command, Output};
 

@@ -1,11 +1,12 @@
-//! Optional requirements of tests: the folder of reference data, Python with packages, ONNX Runtime, Chromium.
+//! Optional requirements of tests: the folder of reference data, Python with packages, ONNX Runtime,
+//! Chromium, Slurm.
 //!
 //! Tests that need more than the reference data belong to the full suite, which runs with `DEPTHLOOM_FULL_TESTS=1`.
 //!
 //! A test without its requirement is skipped: it passes and prints a line to standard error, which the test harness
 //! does not capture. It also [leaves a record](skips). `tests/skipped.rs`, the last program of `cargo test
-//! --workspace`, counts these records. If `DEPTHLOOM_REQUIRE_SHARED`, `DEPTHLOOM_REQUIRE_PYTHON` or
-//! `DEPTHLOOM_REQUIRE_CHROMIUM` is set (and not `0`), the test fails instead.
+//! --workspace`, counts these records. If `DEPTHLOOM_REQUIRE_SHARED`, `DEPTHLOOM_REQUIRE_PYTHON`,
+//! `DEPTHLOOM_REQUIRE_CHROMIUM` or `DEPTHLOOM_REQUIRE_SLURM` is set (and not `0`), the test fails instead.
 
 mod book;
 mod chromium;
@@ -19,6 +20,7 @@ mod shared;
 #[cfg(unix)]
 pub mod signals;
 pub mod skips;
+mod slurm;
 
 pub use book::mdbook;
 pub use chromium::chromium;
@@ -28,6 +30,7 @@ pub use python::{dora, onnx_runtime, packaging, python, python_package, system_p
 pub use rerun::{Rerun, rerun};
 pub use shared::shared;
 pub use skips::skipped;
+pub use slurm::{Slurm, slurm};
 
 use std::path::{Path, PathBuf};
 
