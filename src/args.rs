@@ -47,7 +47,7 @@ pub(crate) use inspect::InspectArgs;
 pub(crate) use jobs::{JobsArgs, JobsCommand, RetryArgs, SchedulerOption, StartArgs, SubmitArgs};
 pub(crate) use live::{Cores, LimitArgs, LiveArgs, TriggerSignal};
 pub(crate) use recording::VerifyArgs;
-pub(crate) use run::{AuditMode, PageArgs, ReportArgs, RunArgs, SplitBy};
+pub(crate) use run::{AuditMode, PageArgs, ReportArgs, RunArgs, SplitBy, is_fresh_everywhere};
 pub(crate) use runs::{
     DiffArgs, ListFilter, NoteArgs, PruneArgs, RecoverArgs, RmArgs, RunsArgs, RunsCommand, ShowArgs, TagArgs,
     TimingsArgs,

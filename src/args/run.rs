@@ -166,8 +166,13 @@ impl From<AuditMode> for Audit {
 impl RunArgs {
     /// Whether nothing is reused from earlier runs.
     pub(crate) fn is_fresh(&self) -> bool {
-        self.fresh || std::env::var_os("DEPTHLOOM_FRESH").is_some_and(|value| !value.is_empty() && value != "0")
+        self.fresh || is_fresh_everywhere()
     }
+}
+
+/// Whether DEPTHLOOM_FRESH is set: nothing is reused from earlier runs.
+pub(crate) fn is_fresh_everywhere() -> bool {
+    std::env::var_os("DEPTHLOOM_FRESH").is_some_and(|value| !value.is_empty() && value != "0")
 }
 
 /// Options of `report.html`.

@@ -17,7 +17,7 @@ use depthloom_terminal::{CliError, ExitCode, print_path, say};
 
 use super::folder::{FolderRequest, Reusable, make_folder};
 use super::{Recorded, Target, is_silent, options, print_warnings, record};
-use crate::args::RunArgs;
+use crate::args::{RunArgs, is_fresh_everywhere};
 
 /// The folder of the shards of a plan, in the folder of runs.
 ///
@@ -26,6 +26,18 @@ use crate::args::RunArgs;
 pub(crate) fn shard_folder(runs: &Path, plan: &Plan) -> Result<ShardFolder, CliError> {
     let recorded = RecordedPlan::read_back(plan).map_err(|what| CliError::new(ExitCode::Engine, what))?;
     Ok(ShardFolder::new(runs, &plan.experiment, &plan_key(&recorded)))
+}
+
+/// Refuses shards where nothing is reused.
+///
+/// # Errors
+/// If DEPTHLOOM_FRESH is set.
+pub(crate) fn needs_reuse() -> Result<(), CliError> {
+    if !is_fresh_everywhere() {
+        return Ok(());
+    }
+    let what = "DEPTHLOOM_FRESH is set: the last run would compute all values again instead of reusing the shards";
+    Err(CliError::usage(what, "remove DEPTHLOOM_FRESH from the environment"))
 }
 
 /// Computes a shard and writes it to `out`. A shard that is complete is left as it is. Returns what it computed.

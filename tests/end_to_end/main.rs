@@ -10,6 +10,8 @@ mod benchmarks;
 mod broken_data;
 mod broken_files;
 mod browser;
+#[cfg(target_os = "linux")]
+mod cluster;
 mod commands;
 mod compare;
 mod data;

@@ -10,12 +10,13 @@ use super::{absolute, scratch};
 use crate::allow_exec;
 use crate::args::{Cli, Command, ExecArgs, RunArgs, StartArgs};
 use crate::execution::carry_out;
-use crate::execution::shard::{compute, shard_folder};
+use crate::execution::shard::{compute, needs_reuse, shard_folder};
 use crate::experiment::load_texts;
 use crate::signals;
 
 /// Runs a job, and reports its progress in the folder of the submission.
 pub(crate) fn start(args: &StartArgs, registry: &Registry) -> Result<ExitCode, CliError> {
+    needs_reuse()?;
     let folder = absolute(&args.folder)?;
     let submission = Submission::read(&folder)?;
     let job = job(args, &submission)?;

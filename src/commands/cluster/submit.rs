@@ -13,7 +13,7 @@ use depthloom_terminal::{CliError, ExitCode, print, say};
 use super::{Found, absolute, local, show};
 use crate::allow_exec;
 use crate::args::{SplitBy, SubmitArgs};
-use crate::execution::shard::shard_folder;
+use crate::execution::shard::{needs_reuse, shard_folder};
 use crate::experiment::{is_file, load};
 
 /// The default number of shards.
@@ -22,6 +22,7 @@ const SHARDS: usize = 8;
 /// Splits an experiment into jobs, and submits them.
 pub(crate) fn submit(args: &SubmitArgs, registry: &Registry) -> Result<ExitCode, CliError> {
     is_file(&args.experiment)?;
+    needs_reuse()?;
     let scheduler = Scheduler::from(args.to);
     if !args.options.is_empty() && scheduler != Scheduler::Slurm {
         return Err(CliError::usage("options after `--` are those of sbatch, for --to slurm", "leave them out"));

@@ -9,7 +9,7 @@ use depthloom_terminal::{CliError, ExitCode};
 
 use crate::allow_exec;
 use crate::args::{RunArgs, SplitBy};
-use crate::execution::shard::{compute, shard_folder};
+use crate::execution::shard::{compute, needs_reuse, shard_folder};
 use crate::execution::{carry_out, is_silent};
 use crate::experiment::{is_file, load};
 use crate::signals;
@@ -21,6 +21,9 @@ pub(crate) fn run(args: &RunArgs, registry: &Registry) -> Result<ExitCode, CliEr
     allow_exec::decide(args.exec, Some((&args.experiment.experiment, &loaded)))?;
     let shards = shard_folder(&args.folder.path(), &loaded.plan)?;
     let shard = args.shard.map(|part| shard_of(part, args.by, &loaded.plan)).transpose()?;
+    if shard.is_some() {
+        needs_reuse()?;
+    }
     let ready = Ready::new(loaded.plan.clone(), registry).map_err(|missing| CliError::of_missing(&missing))?;
     let interrupt = signals::listen("stopping: frames in flight are finished, training is checkpointed")?;
     let Some(shard) = shard else {
