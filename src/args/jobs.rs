@@ -75,6 +75,18 @@ pub(crate) struct SubmitArgs {
     #[arg(long)]
     pub no_page: bool,
 
+    /// Call depthloom by this command in the scripts (default: the path of this program).
+    ///
+    /// For example `apptainer exec depthloom.sif depthloom`.
+    #[arg(long, value_name = "COMMAND")]
+    pub program: Option<String>,
+
+    /// Write this line of shell into the scripts, before the command. Can be repeated.
+    ///
+    /// For example `module load onnxruntime`.
+    #[arg(long, value_name = "LINE")]
+    pub setup: Vec<String>,
+
     /// Print the scripts and commands; write and submit nothing.
     #[arg(long)]
     pub dry_run: bool,
@@ -148,7 +160,8 @@ pub(crate) struct SubmissionArg {
 pub(crate) enum JobsCommand {
     /// Submit failed, stopped and damaged jobs again.
     ///
-    /// Jobs that were interrupted resume. Jobs that wait for others, and cannot start any more, are submitted again too.
+    /// Interrupted jobs resume. Jobs that cannot start any more, because a job before them failed, are submitted again
+    /// too.
     Retry(RetryArgs),
     /// End running and waiting jobs.
     ///

@@ -29,12 +29,12 @@ pub(crate) fn jobs(args: &JobsArgs, registry: &Registry) -> Result<ExitCode, Cli
 }
 
 /// The folder of a submission, and what is in it.
-pub(crate) struct Found {
+pub(crate) struct SubmissionFolder {
     pub(crate) folder: PathBuf,
     pub(crate) submission: Submission,
 }
 
-impl Found {
+impl SubmissionFolder {
     /// How the user names it.
     pub(crate) fn name(&self) -> &str {
         &self.submission.experiment
@@ -42,7 +42,7 @@ impl Found {
 }
 
 /// The newest submission, or that of an experiment, or in a folder.
-fn find(runs: &Path, name: Option<&Path>) -> Result<Found, CliError> {
+fn find(runs: &Path, name: Option<&Path>) -> Result<SubmissionFolder, CliError> {
     let folders: Vec<PathBuf> = match name {
         Some(folder) if folder.join(JOBS).is_file() => vec![folder.to_owned()],
         _ => {
@@ -57,7 +57,7 @@ fn find(runs: &Path, name: Option<&Path>) -> Result<Found, CliError> {
     };
     let mut found = Vec::new();
     for folder in folders {
-        found.push(Found { submission: Submission::read(&folder)?, folder });
+        found.push(SubmissionFolder { submission: Submission::read(&folder)?, folder });
     }
     let newest = found.into_iter().max_by(|a, b| a.submission.submitted_utc.cmp(&b.submission.submitted_utc));
     newest.ok_or_else(|| {

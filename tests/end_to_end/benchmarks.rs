@@ -28,7 +28,7 @@ enum Need {
 type Script = (&'static str, &'static [&'static str], Need, &'static str, &'static [&'static str]);
 
 /// Each script with the arguments for its smallest size.
-const SCRIPTS: [Script; 12] = [
+const SCRIPTS: [Script; 13] = [
     ("ablation", &["1", "1"], Need::PythonAndShared, "ratio ablation-2t ", &[]),
     ("analysis", &["--samples", "1000", "--rounds", "1"], Need::Python, "ratio analysis-polars ", &[]),
     ("fusion", &["--frames", "150", "--rounds", "1"], Need::PythonAndShared, "ratio fusion-1t ", &["fusion_chain"]),
@@ -46,6 +46,7 @@ const SCRIPTS: [Script; 12] = [
     ("pipeline", &["1", "--one"], Need::PythonAndShared, "ratio pipeline-2t ", &[]),
     ("process", &["--rounds", "3"], Need::Dora, "ratio process ", &["process_call"]),
     ("reading", &["--rounds", "1", "--threads", "1"], Need::PythonAndShared, "ratio read ", &["read_frames"]),
+    ("shards", &["--shards", "3", "--frames", "2", "--parts", "2"], Need::Python, "ratio join-copy ", &[]),
     (
         "stereo",
         &["--count", "1", "--repeat", "1", "--modes", "sgbm", "--threads", "1"],

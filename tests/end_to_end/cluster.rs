@@ -171,7 +171,7 @@ fn shards_of_frames_and_of_variants_join_to_the_bytes_of_one_run() {
         assert!(errors(&output).contains("reused from earlier runs"), "{}", errors(&output));
         case.assert_equal(&case.at(&format!("{runs}/joined")));
     }
-    // Shards are no runs.
+    // Shards are not listed as runs.
     let listed = succeed(case.plain("runs").args(["--runs", "by-frames", "--json"]));
     let listed: Json = serde_json::from_slice(&listed.stdout).expect("JSON");
     assert_eq!(listed["runs"].as_array().map(Vec::len), Some(1), "{listed}");
@@ -380,7 +380,7 @@ fn slurm_jobs_that_fail_are_retried_to_the_same_bytes() {
     wait(&case, "requeued", &cluster);
     case.assert_equal(&case.run_in("requeued"));
 
-    // Its time is over.
+    // It exceeds its time limit.
     submit("late", &["--", "--time=1"]);
     case.process_of("late", "1/0");
     cluster.end_time(&format!("{}_0", array("late")));

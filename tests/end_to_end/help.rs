@@ -74,6 +74,7 @@ fn prepare(folder: &Path, first: &str) {
     );
     small("runs/first/one", &[]);
     small("runs/first/two", &["--set", "compare.stereo.with.block=7"]);
+    run(&["submit", first, "--to", "script", "--shards", "2"]);
     run(&["synth", "data", "--frames", "2", "--width", "320", "--height", "96", "--quiet"]);
     fs::rename(folder.join("data"), folder.join("street")).expect("renamed");
     // Predictions: here the ground truth itself.

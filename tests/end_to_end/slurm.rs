@@ -53,19 +53,19 @@ fn jobs_that_fail_wait_or_are_cancelled_have_the_states_of_slurm() {
     let after = format!("--dependency=afterok:{failing}");
     let dependent = cluster.submit(&[&after, "--kill-on-invalid-dep=yes", "--output=/dev/null"], "true");
     let waiting = cluster.submit(&[&after, "--output=/dev/null"], "true");
-    let of = |number: &str| cluster.jobs(&[number]).remove(number).expect("a job");
+    let state = |number: &str| cluster.jobs(&[number]).remove(number).expect("a job");
     assert_eq!(cluster.jobs(&[&failing]).len(), 3);
     // The reason is `Dependency`, or `Resources` while the node is busy.
-    assert_eq!(of(&dependent).state, "PENDING");
+    assert_eq!(state(&dependent).state, "PENDING");
     succeed_scancel(&cluster, &long);
     cluster.wait_for(&long, "CANCELLED");
     cluster.wait_for(&format!("{failing}_2"), "FAILED");
-    assert_eq!(of(&format!("{failing}_0")), job("COMPLETED", "None"));
-    assert_eq!(of(&format!("{failing}_2")), job("FAILED", "NonZeroExitCode"));
+    assert_eq!(state(&format!("{failing}_0")), job("COMPLETED", "None"));
+    assert_eq!(state(&format!("{failing}_2")), job("FAILED", "NonZeroExitCode"));
     assert!(cluster.scontrol(&["show", "job", &format!("{failing}_2")]).contains(" ExitCode=6:0"));
     cluster.wait_for(&dependent, "CANCELLED");
-    assert_eq!(of(&dependent), job("CANCELLED", "DependencyNeverSatisfied"));
-    assert_eq!(of(&waiting), job("PENDING", "DependencyNeverSatisfied"));
+    assert_eq!(state(&dependent), job("CANCELLED", "DependencyNeverSatisfied"));
+    assert_eq!(state(&waiting), job("PENDING", "DependencyNeverSatisfied"));
 }
 
 fn succeed_scancel(cluster: &Cluster, number: &str) {

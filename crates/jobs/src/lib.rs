@@ -15,7 +15,7 @@ mod steps;
 mod submission;
 
 pub use folder::{MissingShard, ShardFolder, damage};
-pub use progress::{Ending, JobProgress, ProgressFile, host};
+pub use progress::{JobEnd, JobProgress, ProgressFile, host};
 pub use shard::{Fraction, Shard, windows};
 pub use state::{JobState, states};
 pub use steps::{Split, Step, steps};

@@ -24,7 +24,7 @@ const INTERVAL: Duration = Duration::from_secs(5);
 /// How a job ended.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
-pub enum Ending {
+pub enum JobEnd {
     /// It has not ended, or was killed.
     #[default]
     Running,
@@ -40,7 +40,7 @@ pub enum Ending {
 #[derive(Clone, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 pub struct JobProgress {
     /// How it ended.
-    pub ending: Ending,
+    pub ending: JobEnd,
     /// Frames that were processed, over all stage runs so far.
     pub frames: u64,
     /// Frames of these stage runs.
@@ -90,7 +90,7 @@ impl ProgressFile {
     }
 
     /// States how the job ended.
-    pub fn end(&self, ending: Ending, message: &str) {
+    pub fn end(&self, ending: JobEnd, message: &str) {
         self.change(true, |progress| {
             progress.ending = ending;
             message.clone_into(&mut progress.message);

@@ -128,7 +128,7 @@ impl Shard {
         }
     }
 
-    /// Whether its recording has frames; that of aggregate values has none.
+    /// Whether its recording has frames, and not only aggregate values.
     #[must_use]
     pub const fn records_frames(&self) -> bool {
         !matches!(self, Self::Nodes { .. })

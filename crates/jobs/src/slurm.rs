@@ -117,7 +117,8 @@ pub fn array_size() -> usize {
     line.and_then(|line| line.trim_start_matches([' ', '=']).trim().parse().ok()).unwrap_or(ARRAY_SIZE)
 }
 
-/// Submits jobs of a step: as many arrays as Slurm's limits need. `after` are tasks and arrays that must have succeeded.
+/// Submits jobs of a step: as many arrays as Slurm's limits need. `after` are tasks and arrays that must have
+/// succeeded.
 ///
 /// # Errors
 /// If Slurm refuses.
@@ -211,9 +212,21 @@ pub fn script_path(folder: &Path, step: usize) -> std::path::PathBuf {
     folder.join(format!("step-{}.sh", step + 1))
 }
 
+/// How a script calls depthloom.
+#[derive(Clone, Debug)]
+pub struct JobCommand {
+    /// Lines before the command.
+    pub setup: Vec<String>,
+    /// The command, without the job.
+    pub command: String,
+    /// The cores of each job.
+    pub cores: Option<u16>,
+}
+
 /// The script of a step: a job array of Slurm, which other schedulers can run with an index as its argument.
 #[must_use]
-pub fn script(submission: &Submission, folder: &Path, step: usize, command: &str, cores: Option<u16>) -> String {
+pub fn script(submission: &Submission, folder: &Path, step: usize, command: &JobCommand) -> String {
+    let JobCommand { setup, command, cores } = command;
     let name = format!("{}-{}", submission.experiment, submission.steps[step].name);
     let log = folder.join(LOGS).join(format!("{}-%a.log", step + 1));
     let mut text = String::from("#!/bin/sh\n");
@@ -240,9 +253,10 @@ if [ -z \"$index\" ]; then
   index=$(( ${{LSB_JOBINDEX:-${{SGE_TASK_ID:-1}}}} - 1 ))
 fi
 cd {} || exit 1
-exec {command} --step {} --job $(( index + ${{{FIRST}:-0}} ))
+{}exec {command} --step {} --job $(( index + ${{{FIRST}:-0}} ))
 ",
         shell_quoted(&submission.directory.display().to_string()),
+        setup.iter().map(|line| format!("{line}\n")).collect::<String>(),
         step + 1
     );
     text

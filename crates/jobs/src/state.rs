@@ -7,7 +7,7 @@ use depthloom_runs::RECORDING;
 use depthloom_runs::run_folder::is_held;
 use depthloom_terminal::CliError;
 
-use crate::progress::{Ending, JobProgress};
+use crate::progress::{JobEnd, JobProgress};
 use crate::slurm::{TaskState, task_states};
 use crate::submission::{JobId, Scheduler, Submission};
 
@@ -105,14 +105,14 @@ fn state(submission: &Submission, folder: &Path, job: JobId, task: Option<&TaskS
     };
     let JobProgress { ending, frames, of, message, host: machine, .. } = progress;
     match ending {
-        Ending::Failed => JobState::Failed { message },
-        Ending::Interrupted => JobState::Stopped { message: format!("after {frames} of {of} frames: {message}") },
-        Ending::Finished => JobState::Stopped { message: "its result was removed".to_owned() },
+        JobEnd::Failed => JobState::Failed { message },
+        JobEnd::Interrupted => JobState::Stopped { message: format!("after {frames} of {of} frames: {message}") },
+        JobEnd::Finished => JobState::Stopped { message: "its result was removed".to_owned() },
         // Slurm knows better; elsewhere the lock of the folder tells whether the process is alive.
-        Ending::Running if submission.scheduler != Scheduler::Slurm && is_alive(&result) => {
+        JobEnd::Running if submission.scheduler != Scheduler::Slurm && is_alive(&result) => {
             JobState::Running { frames, of, message: on_host(&machine, &message) }
         }
-        Ending::Running => {
+        JobEnd::Running => {
             let why = ended.map_or_else(|| "it was killed".to_owned(), |state| format!("Slurm: {state}"));
             JobState::Stopped { message: format!("after {frames} of {of} frames on {machine}: {why}") }
         }

@@ -5,6 +5,7 @@ use std::collections::{BTreeMap, BTreeSet};
 use depthloom_graphs::Rate;
 use depthloom_graphs::contracts::Contract;
 use depthloom_graphs::plan::{NodeRef, Plan, RunId};
+use depthloom_runs::file_name;
 use serde::{Deserialize, Serialize};
 
 use crate::shard::{Fraction, Shard, all_nodes, inputs, node_of};
@@ -14,9 +15,12 @@ use crate::shard::{Fraction, Shard, all_nodes, inputs, node_of};
 pub struct Step {
     /// Its name: `frames`, `variants`, `training`, `run`.
     pub name: String,
-    /// One for each job. The last step has none: its one job is the run that reuses all shards.
+    /// One for each job; empty in the last step, whose only job is the run that reuses all shards.
     pub shards: Vec<Shard>,
 }
+
+/// The most characters of a variant in the name of a job.
+const MOST_CHARACTERS: usize = 60;
 
 /// What the work is split by.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
@@ -111,7 +115,11 @@ fn add_aggregates(plan: &Plan, levels: &Levels, targets: &BTreeSet<NodeRef>, ste
     for nodes in [early.difference(&before).copied().collect(), late] {
         let shards = aggregate_shards(plan, &nodes);
         if !shards.is_empty() {
-            let is_training = nodes.iter().any(|node| node_of(plan, *node).kind.starts_with("learn/"));
+            let is_training = |node: &NodeRef| {
+                let planned = node_of(plan, *node);
+                planned.contract == Contract::Once && planned.kind.starts_with("learn/")
+            };
+            let is_training = nodes.iter().any(is_training);
             let name = if is_training { "training" } else { "aggregates" };
             steps.push(Step { name: name.to_owned(), shards });
         }
@@ -124,7 +132,14 @@ fn aggregate_shards(plan: &Plan, nodes: &BTreeSet<NodeRef>) -> Vec<Shard> {
     nodes.iter().for_each(|node| *names.entry(plain(*node)).or_default() += 1);
     let name = |node: NodeRef| {
         let name = plain(node);
-        if names[&name] == 1 { name } else { format!("{name}-{}-{}", node.run, node.node) }
+        if names[&name] == 1 {
+            return name;
+        }
+        let variants = node_of(plan, node).variant_names(plan);
+        let [variant] = variants.as_slice() else { return format!("{name}-{}-{}", node.run, node.node) };
+        let variant: String = variant.chars().take(MOST_CHARACTERS).collect();
+        // Two variants may have one name here.
+        format!("{name}-{}-{}", node.node, file_name(&variant))
     };
     let shard = |node: &NodeRef| Shard::Nodes { nodes: vec![(node.run.0, node.node.0)], name: name(*node) };
     nodes.iter().map(shard).collect()
@@ -177,8 +192,8 @@ impl Levels {
         RunId::all(plan.runs.len()).filter(move |run| self.runs[*run] == level).filter(has_pure)
     }
 
-    /// The nodes of a level with a job of their own: frames of a later level read their values, or they are the end of a
-    /// chain of aggregate nodes. The last run computes the others.
+    /// The nodes of a level with a job of their own: frames of a later level read their values, or no other aggregate
+    /// node does. The last run computes the others.
     fn targets(&self, plan: &Plan, level: usize) -> BTreeSet<NodeRef> {
         let (mut read_by_frames, mut read_by_aggregates) = (BTreeSet::new(), BTreeSet::new());
         for node in all_nodes(plan) {

@@ -119,7 +119,7 @@ impl Submission {
     /// Reads the submission in a folder of shards.
     ///
     /// # Errors
-    /// If there is none, or it cannot be read.
+    /// If it cannot be read.
     pub fn read(folder: &Path) -> Result<Self, CliError> {
         let path = folder.join(JOBS);
         let failed = |error: &dyn std::error::Error| {

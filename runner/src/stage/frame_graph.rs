@@ -122,7 +122,8 @@ pub(crate) struct FrameGraph {
 }
 
 impl FrameGraph {
-    /// `omitted` nodes have no inputs and no values; `once` finds the aggregate values that are known before the frames.
+    /// `omitted` nodes have no inputs and no values. `once` finds the aggregate values that are known before the
+    /// frames.
     ///
     /// # Errors
     /// If the plan contradicts itself or the sink.

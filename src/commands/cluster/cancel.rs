@@ -6,10 +6,10 @@ use depthloom_graphs::counted;
 use depthloom_jobs::{JobProgress, JobState, Scheduler, host, slurm, states};
 use depthloom_terminal::{CliError, ExitCode, say};
 
-use super::Found;
+use super::SubmissionFolder;
 
 /// Ends the jobs of a submission.
-pub(crate) fn cancel(Found { folder, submission }: &Found) -> Result<ExitCode, CliError> {
+pub(crate) fn cancel(SubmissionFolder { folder, submission }: &SubmissionFolder) -> Result<ExitCode, CliError> {
     let states = states(submission, folder)?;
     let active: Vec<_> = states.iter().filter(|(_, state)| state.is_active()).map(|(job, _)| *job).collect();
     if active.is_empty() {
@@ -28,7 +28,7 @@ pub(crate) fn cancel(Found { folder, submission }: &Found) -> Result<ExitCode, C
         }
     }
     say(format_args!(
-        "{} told to end; `depthloom jobs retry {}` resumes them",
+        "ending {}; `depthloom jobs retry {}` resumes them",
         counted(active.len() as u64, "job"),
         submission.experiment
     ));

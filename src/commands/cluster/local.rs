@@ -15,7 +15,7 @@ use depthloom_runner::Interrupt;
 use depthloom_terminal::{CliError, ExitCode, print_path, say};
 use depthloom_threads::locked;
 
-use super::Found;
+use super::SubmissionFolder;
 use crate::signals;
 
 /// The time between two looks at a process.
@@ -25,7 +25,7 @@ const INTERVAL: Duration = Duration::from_secs(5);
 
 /// Runs the steps, one after the other; the lock is held meanwhile.
 pub(crate) fn run(
-    Found { folder, submission }: &Found,
+    SubmissionFolder { folder, submission }: &SubmissionFolder,
     lock: SubmitLock,
     parallel: Option<usize>,
     allow_exec: bool,

@@ -6,12 +6,12 @@ use depthloom_graphs::counted;
 use depthloom_jobs::{JobId, JobState, Scheduler, SubmitLock, damage, slurm, states};
 use depthloom_terminal::{CliError, ExitCode, print, say};
 
-use super::{Found, local};
+use super::{SubmissionFolder, local};
 use crate::args::RetryArgs;
 
 /// Submits what is not complete, and does not run.
-pub(crate) fn retry(found: &Found, args: &RetryArgs) -> Result<ExitCode, CliError> {
-    let Found { folder, submission } = found;
+pub(crate) fn retry(found: &SubmissionFolder, args: &RetryArgs) -> Result<ExitCode, CliError> {
+    let SubmissionFolder { folder, submission } = found;
     let lock = SubmitLock::take(folder)?;
     let mut states = states(submission, folder)?;
     // A result can be damaged although its folder is there.
@@ -46,7 +46,7 @@ pub(crate) fn retry(found: &Found, args: &RetryArgs) -> Result<ExitCode, CliErro
     match submission.scheduler {
         Scheduler::Slurm => resubmit(found, args, &states, &lock),
         Scheduler::Local => local::run(
-            &Found { folder: folder.clone(), submission: submission.clone() },
+            &SubmissionFolder { folder: folder.clone(), submission: submission.clone() },
             lock,
             args.parallel.map(usize::from),
             allows_exec(found),
@@ -64,13 +64,13 @@ pub(crate) fn retry(found: &Found, args: &RetryArgs) -> Result<ExitCode, CliErro
 }
 
 /// Whether the submission's scripts may start programs.
-fn allows_exec(Found { folder, .. }: &Found) -> bool {
+fn allows_exec(SubmissionFolder { folder, .. }: &SubmissionFolder) -> bool {
     std::fs::read_to_string(slurm::script_path(folder, 0)).is_ok_and(|script| script.contains(" --allow-exec "))
 }
 
 /// Submits jobs to Slurm again. Waiting jobs of later steps are cancelled first, because they wait for jobs that ended.
 fn resubmit(
-    Found { folder, submission }: &Found,
+    SubmissionFolder { folder, submission }: &SubmissionFolder,
     args: &RetryArgs,
     states: &BTreeMap<JobId, JobState>,
     _lock: &SubmitLock,

@@ -8,7 +8,7 @@ use depthloom_terminal::{CliError, ExitCode, aligned, print};
 use schemars::JsonSchema;
 use serde::Serialize;
 
-use super::Found;
+use super::SubmissionFolder;
 use crate::output;
 
 /// The most jobs of a kind that are listed.
@@ -48,8 +48,8 @@ struct Job {
 }
 
 /// Prints the states.
-pub(crate) fn show(found: &Found, as_json: bool) -> Result<ExitCode, CliError> {
-    let Found { folder, submission } = found;
+pub(crate) fn show(found: &SubmissionFolder, as_json: bool) -> Result<ExitCode, CliError> {
+    let SubmissionFolder { folder, submission } = found;
     let states: Vec<(JobId, JobState)> = states(submission, folder)?.into_iter().collect();
     if as_json {
         output::print(&Jobs {
@@ -83,7 +83,7 @@ fn job(submission: &Submission, id: JobId, state: &JobState) -> Job {
     Job { name: submission.name(id), step: step + 1, job, state: state.name().to_owned(), frames, of, message }
 }
 
-fn text(Found { folder, submission }: &Found, states: &[(JobId, JobState)]) -> String {
+fn text(SubmissionFolder { folder, submission }: &SubmissionFolder, states: &[(JobId, JobState)]) -> String {
     let scheduler = match submission.scheduler {
         Scheduler::Slurm => "slurm",
         Scheduler::Local => "local",

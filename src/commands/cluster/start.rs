@@ -3,7 +3,7 @@
 use clap::Parser as _;
 use depthloom_graphs::Registry;
 use depthloom_graphs::ready::Ready;
-use depthloom_jobs::{Ending, JobId, ProgressFile, Shard, ShardFolder, Submission, damage};
+use depthloom_jobs::{JobEnd, JobId, ProgressFile, Shard, ShardFolder, Submission, damage};
 use depthloom_terminal::{CliError, ExitCode, say};
 
 use super::{absolute, scratch};
@@ -27,9 +27,9 @@ pub(crate) fn start(args: &StartArgs, registry: &Registry) -> Result<ExitCode, C
     let progress = ProgressFile::start(&folder, job);
     let done = perform(&submission, &folder, job, args.exec, registry, &progress);
     match &done {
-        Ok(_) => progress.end(Ending::Finished, ""),
-        Err(stop) if stop.exit == ExitCode::Interrupted => progress.end(Ending::Interrupted, &stop.to_string()),
-        Err(stop) => progress.end(Ending::Failed, &stop.to_string()),
+        Ok(_) => progress.end(JobEnd::Finished, ""),
+        Err(stop) if stop.exit == ExitCode::Interrupted => progress.end(JobEnd::Interrupted, &stop.to_string()),
+        Err(stop) => progress.end(JobEnd::Failed, &stop.to_string()),
     }
     done
 }

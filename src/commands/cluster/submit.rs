@@ -4,13 +4,14 @@ use std::path::{Path, PathBuf};
 
 use depthloom_graphs::ready::open;
 use depthloom_graphs::{Registry, counted};
+use depthloom_jobs::slurm::JobCommand;
 use depthloom_jobs::{
     FORMAT, JobState, LOGS, Scheduler, ShardFolder, Split, Submission, SubmitLock, slurm, states, steps,
 };
 use depthloom_runs::environment::utc_stamp;
 use depthloom_terminal::{CliError, ExitCode, print, say};
 
-use super::{Found, absolute, local, show};
+use super::{SubmissionFolder, absolute, local, show};
 use crate::allow_exec;
 use crate::args::{SplitBy, SubmitArgs};
 use crate::execution::shard::{needs_reuse, shard_folder};
@@ -60,14 +61,17 @@ pub(crate) fn submit(args: &SubmitArgs, registry: &Registry) -> Result<ExitCode,
         steps: steps(plan, split),
         slurm: Vec::new(),
     };
-    let command = command(&folder, args.exec.allow_exec)?;
+    if scheduler == Scheduler::Local && (args.program.is_some() || !args.setup.is_empty()) {
+        return Err(CliError::usage("--program and --setup are for scripts, not for --to local", "leave them out"));
+    }
+    let command = command(&folder, args)?;
     if args.dry_run {
-        return dry_run(&submission, &folder, &command, args.workers);
+        return dry_run(&submission, &folder, &command);
     }
     let lock = SubmitLock::take(folder.path())?;
     keep_from_running_twice(&folder, &submission)?;
-    write(&submission, &folder, &command, args.workers)?;
-    let found = Found { folder: folder.path().to_owned(), submission };
+    write(&submission, &folder, &command)?;
+    let found = SubmissionFolder { folder: folder.path().to_owned(), submission };
     say(format_args!("{} in {}", describe(&found.submission), folder.path().display()));
     match scheduler {
         Scheduler::Slurm => {
@@ -141,16 +145,22 @@ fn keep_from_running_twice(folder: &ShardFolder, new: &Submission) -> Result<(),
 }
 
 /// The command of a script, without the job.
-fn command(folder: &ShardFolder, allow_exec: bool) -> Result<String, CliError> {
-    let program = std::env::current_exe()
-        .map_err(|error| CliError::because(ExitCode::Engine, "failed to find this program's file", &error))?;
-    let words = [program.display().to_string(), "jobs".into(), "start".into(), folder.path().display().to_string()];
-    let mut words: Vec<String> = words.iter().map(|word| slurm::shell_quoted(word)).collect();
-    words.extend(allow_exec.then(|| "--allow-exec".to_owned()));
-    Ok(words.join(" "))
+fn command(folder: &ShardFolder, args: &SubmitArgs) -> Result<JobCommand, CliError> {
+    let program = match &args.program {
+        Some(program) => program.clone(),
+        None => {
+            let program = std::env::current_exe()
+                .map_err(|error| CliError::because(ExitCode::Engine, "failed to find this program's file", &error))?;
+            slurm::shell_quoted(&program.display().to_string())
+        }
+    };
+    let folder = slurm::shell_quoted(&folder.path().display().to_string());
+    let exec = if args.exec.allow_exec { " --allow-exec" } else { "" };
+    let command = format!("{program} jobs start {folder}{exec}");
+    Ok(JobCommand { setup: args.setup.clone(), command, cores: args.workers })
 }
 
-fn write(submission: &Submission, folder: &ShardFolder, command: &str, cores: Option<u16>) -> Result<(), CliError> {
+fn write(submission: &Submission, folder: &ShardFolder, command: &JobCommand) -> Result<(), CliError> {
     let failed = |path: &Path, error: &std::io::Error| {
         CliError::of_writing(ExitCode::Usage, format_args!("failed to write {}", path.display()), error)
     };
@@ -158,14 +168,14 @@ fn write(submission: &Submission, folder: &ShardFolder, command: &str, cores: Op
     std::fs::create_dir_all(&logs).map_err(|error| failed(&logs, &error))?;
     for step in 0..submission.steps.len() {
         let path = slurm::script_path(folder.path(), step);
-        let script = slurm::script(submission, folder.path(), step, command, cores);
+        let script = slurm::script(submission, folder.path(), step, command);
         depthloom_durable::write(&path, script.as_bytes()).map_err(|error| failed(&path, &error))?;
     }
     submission.write(folder.path())
 }
 
 /// Submits all steps, each after the step before.
-fn submit_to_slurm(mut found: Found) -> Result<Found, CliError> {
+fn submit_to_slurm(mut found: SubmissionFolder) -> Result<SubmissionFolder, CliError> {
     let size = slurm::array_size();
     let mut after: Vec<String> = Vec::new();
     for step in 0..found.submission.steps.len() {
@@ -185,19 +195,14 @@ fn describe(submission: &Submission) -> String {
     format!("{}: {}", submission.experiment, steps.join(", then "))
 }
 
-fn dry_run(
-    submission: &Submission,
-    folder: &ShardFolder,
-    command: &str,
-    cores: Option<u16>,
-) -> Result<ExitCode, CliError> {
+fn dry_run(submission: &Submission, folder: &ShardFolder, command: &JobCommand) -> Result<ExitCode, CliError> {
     let mut text = format!("{}\n", describe(submission));
     for (step, content) in submission.steps.iter().enumerate() {
         let path: PathBuf = slurm::script_path(folder.path(), step);
         text.push_str(&format!(
             "\n--- {}\n{}",
             path.display(),
-            slurm::script(submission, folder.path(), step, command, cores)
+            slurm::script(submission, folder.path(), step, command)
         ));
         if submission.scheduler == Scheduler::Slurm {
             let jobs: Vec<usize> = (0..content.jobs()).collect();

@@ -42,7 +42,7 @@ pages! {
     kitti: "how-to/kitti.md",
     labels: "how-to/labels.md",
     manage_runs: "how-to/manage-runs.md",
-    many_machines: "how-to/many-machines.md",
+    cluster: "how-to/cluster.md",
     monocular_data: "how-to/monocular-data.md",
     dora: "how-to/dora.md",
     own_data: "how-to/own-data.md",
