@@ -1,11 +1,14 @@
 //! A file read by position, from several threads at once.
 
 use std::fs::File;
+use std::io;
 use std::path::{Path, PathBuf};
+use std::sync::Arc;
 
 use depthloom_graphs::regular_file;
 
 use crate::error::FileError;
+use crate::open_files::{FileOnDemand, OpenFiles};
 
 /// A file open for reading.
 #[derive(Debug)]
@@ -14,16 +17,32 @@ pub struct PositionedFile {
     pub path: PathBuf,
     /// How many bytes it had when it was opened.
     pub size: u64,
-    file: File,
+    handle: Handle,
+}
+
+#[derive(Debug)]
+enum Handle {
+    Open(File),
+    OnDemand(FileOnDemand),
 }
 
 impl PositionedFile {
     /// Opens a regular file.
     pub fn open(path: &Path) -> Result<Self, FileError> {
+        Self::open_as(path, |file| Ok(Handle::Open(file)))
+    }
+
+    /// As [`open`](Self::open), one of many files: it is closed when too many are open, and opened again when it is
+    /// read. It is then at its path, or at `moved`. Otherwise reading is an error, also if another file is there.
+    pub fn open_on_demand(path: &Path, files: &Arc<OpenFiles>, moved: Option<PathBuf>) -> Result<Self, FileError> {
+        Self::open_as(path, |file| FileOnDemand::new(file, files, moved).map(Handle::OnDemand))
+    }
+
+    fn open_as(path: &Path, handle: impl FnOnce(File) -> io::Result<Handle>) -> Result<Self, FileError> {
         let failed = |source| FileError::Open { path: path.to_owned(), source };
         let file = regular_file::open(path).map_err(failed)?;
         let size = file.metadata().map_err(failed)?.len();
-        Ok(Self { path: path.to_owned(), size, file })
+        Ok(Self { path: path.to_owned(), size, handle: handle(file).map_err(failed)? })
     }
 
     /// The last part of its path: folders differ between machines.
@@ -33,7 +52,12 @@ impl PositionedFile {
 
     /// Fills the buffer with the bytes at a position.
     pub fn read_exact(&self, buffer: &mut [u8], offset: u64) -> Result<(), FileError> {
-        let read = regular_file::read_exact_at(&self.file, buffer, offset);
+        let read = match &self.handle {
+            Handle::Open(file) => regular_file::read_exact_at(file, buffer, offset),
+            Handle::OnDemand(file) => {
+                file.get(&self.path).and_then(|file| regular_file::read_exact_at(&file, buffer, offset))
+            }
+        };
         read.map_err(|source| FileError::Read { path: self.path.clone(), offset, source })
     }
 

@@ -9,6 +9,7 @@
 mod chunk;
 mod error;
 mod file;
+mod open_files;
 mod record;
 mod summary;
 mod window;
@@ -18,6 +19,7 @@ pub use error::{COPY_AGAIN, FileError};
 pub use file::{PositionedFile, name_of};
 pub use mcap::MAGIC;
 pub use mcap::records::{self, op};
+pub use open_files::OpenFiles;
 pub use record::{
     MESSAGE_HEADER, Message, RECORD_HEADER, RecordLayout, Records, body_of, counted, message, put, put_fields,
     put_record, read, read_all, record_header,

@@ -15,6 +15,7 @@
 #![forbid(unsafe_code)]
 
 mod budget;
+mod cores;
 mod helpers;
 mod locks;
 mod panics;
@@ -22,6 +23,7 @@ mod room;
 mod tiles;
 
 pub use budget::{Budget, Permit};
+pub use cores::{Cores, SLURM_VARIABLE, core_count, cores};
 pub use locks::{into_unlocked, locked};
 pub use panics::{Caught, caught, resume};
 pub use room::look_for_room;

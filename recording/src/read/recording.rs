@@ -1,6 +1,5 @@
 //! An open recording.
 
-use std::collections::BTreeMap;
 use std::ops::Range;
 use std::path::Path;
 use std::sync::{Arc, OnceLock};
@@ -19,10 +18,13 @@ use crate::read::chunk_messages::ChunkBuffers;
 use crate::read::damaged_content::DamagedContent;
 use crate::read::index::{ChunkEntry, Index, MetadataEntry};
 use crate::read::recovery_scan::{Scanned, scan};
+use crate::reuse::key_index::KeyIndex;
 use crate::write::file_writer::LIBRARY;
 use crate::{ENDED_METADATA, PLAN_METADATA, RECOVERED, WINDOW_METADATA};
 use depthloom_mcap::records::{Header, Metadata};
-use depthloom_mcap::{FileError, MAGIC_LENGTH, PositionedFile, RecordPlace, Window, begins_as_mcap, op, read_all};
+use depthloom_mcap::{
+    FileError, MAGIC_LENGTH, OpenFiles, PositionedFile, RecordPlace, Window, begins_as_mcap, op, read_all,
+};
 
 /// A committed frame of a stage run.
 #[derive(Clone, Debug, PartialEq)]
@@ -135,7 +137,7 @@ pub struct Recording {
     committed: u64,
     /// By commit: where its chunk starts, and the CRC-32 of all bytes before it.
     pub(crate) sealed: Vec<(u64, u32)>,
-    pub(crate) by_key: OnceLock<BTreeMap<Key, StoredValues>>,
+    pub(crate) by_key: OnceLock<KeyIndex>,
 }
 
 impl Recording {
@@ -147,7 +149,21 @@ impl Recording {
     /// # Errors
     /// If the file cannot be read, is not a recording, or its plan is damaged or invalid.
     pub fn open(path: impl AsRef<Path>) -> Result<Self, RecordingError> {
-        let file = mcap_file(path.as_ref())?;
+        Self::open_file(PositionedFile::open(path.as_ref())?)
+    }
+
+    /// As [`Recording::open`], one of many recordings of which only some are open. The folder of an unfinished run is
+    /// renamed when the run finishes.
+    pub(crate) fn open_on_demand(path: &Path, files: &Arc<OpenFiles>) -> Result<Self, RecordingError> {
+        let moved = path.parent().zip(path.file_name()).and_then(|(run, name)| {
+            let is_partial = run.extension().is_some_and(|ending| ending == depthloom_durable::PARTIAL);
+            is_partial.then(|| run.with_extension("").join(name))
+        });
+        Self::open_file(PositionedFile::open_on_demand(path, files, moved)?)
+    }
+
+    fn open_file(file: PositionedFile) -> Result<Self, RecordingError> {
+        let file = mcap_file(file)?;
         let whole = Index::of_summary(&file).and_then(|index| index.map(|index| Loaded::new(&file, index)).transpose());
         let (found, condition) = match whole {
             Ok(Some(found)) => {
@@ -165,7 +181,7 @@ impl Recording {
 
     /// Opens a recording without its summary: checks every byte, and keeps what is before the first damage.
     pub(crate) fn open_by_scan(path: &Path) -> Result<Self, RecordingError> {
-        let file = mcap_file(path)?;
+        let file = mcap_file(PositionedFile::open(path)?)?;
         let (found, condition) = Loaded::without_summary(&file, None)?;
         Ok(Self::new(file, found, condition))
     }
@@ -254,8 +270,7 @@ impl Recording {
     }
 }
 
-fn mcap_file(path: &Path) -> Result<PositionedFile, RecordingError> {
-    let file = PositionedFile::open(path)?;
+fn mcap_file(file: PositionedFile) -> Result<PositionedFile, RecordingError> {
     if begins_as_mcap(&file)? { Ok(file) } else { Err(RecordingError::NotMcap { path: file.path }) }
 }
 

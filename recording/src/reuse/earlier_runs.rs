@@ -4,13 +4,13 @@ use std::collections::{BTreeMap, HashSet};
 use std::io::ErrorKind;
 use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicBool, Ordering};
-use std::sync::{Mutex, OnceLock};
+use std::sync::{Arc, Mutex, OnceLock};
 
 use depthloom_graphs::contracts::{Fault, Store, StoredPort, StoredState};
 use depthloom_graphs::plan::{FrameIndex, NodeRef, Plan, RunId};
 use depthloom_graphs::{Key, Value};
-use depthloom_mcap::{FileError, MAGIC_LENGTH, PositionedFile, RecordPlace, Window, op};
-use depthloom_threads::locked;
+use depthloom_mcap::{FileError, MAGIC_LENGTH, OpenFiles, PositionedFile, RecordPlace, Window, op};
+use depthloom_threads::{Budget, Tiles as _, core_count, into_unlocked, locked};
 
 use crate::FORMAT;
 use crate::checksum::CrcBefore;
@@ -18,7 +18,8 @@ use crate::error::RecordingError;
 use crate::plan::RecordedPlan;
 use crate::read::index::{ChunkEntry, metadata_entry};
 use crate::read::recording::{RecordedFrame, Recording, StoredValues};
-use crate::reuse::stored_values::{KeyedPlace, fault, unknown};
+use crate::reuse::key_index::{KeyIndex, KeyedPlace};
+use crate::reuse::stored_values::{fault, unknown};
 
 /// Recordings of earlier runs as one store: a run reuses their values instead of computing them.
 ///
@@ -26,6 +27,7 @@ use crate::reuse::stored_values::{KeyedPlace, fault, unknown};
 /// values are reused. A damaged frame is looked up in the next recording, or recomputed.
 pub struct EarlierRuns {
     runs: Vec<EarlierRun>,
+    by_key: OnceLock<KeyIndex>,
     unreadable: Vec<(PathBuf, RecordingError)>,
     damage: Mutex<Vec<(PathBuf, String)>>,
 }
@@ -41,30 +43,34 @@ pub(crate) struct EarlierRun {
 impl EarlierRuns {
     /// A store of recordings; the first one is searched first. Of recordings that cannot be read, or have no values of
     /// the plan's nodes, only the plan is read.
+    ///
+    /// There may be thousands of them: few files are open at once, and a key is looked up in one table for all.
     pub fn new(recordings: impl IntoIterator<Item = impl AsRef<Path>>, plan: &Plan) -> Self {
         let wanted: HashSet<Key> = plan.runs.iter().flat_map(|run| &run.nodes).map(|node| node.node_hash).collect();
         let is_of_use = |recorded: &RecordedPlan| {
             let mut nodes = recorded.runs.iter().flat_map(|run| &run.nodes);
             nodes.any(|node| wanted.contains(&node.node_hash))
         };
+        let paths: Vec<PathBuf> = recordings.into_iter().map(|path| path.as_ref().to_owned()).collect();
+        let files = Arc::new(OpenFiles::new(most_open_files()));
+        let opened: Vec<Mutex<Option<_>>> = paths.iter().map(|_| Mutex::default()).collect();
+        let budget = Budget::new(core_count());
+        let _own = budget.permit();
+        budget.run(paths.len(), &|number| {
+            *locked(&opened[number]) = Some(open_if_of_use(&paths[number], &files, &is_of_use));
+        });
         let (mut runs, mut unreadable) = (Vec::new(), Vec::new());
-        for path in recordings {
-            let path = path.as_ref();
-            if recorded_plan(path).is_some_and(|(format, plan)| format != FORMAT || !is_of_use(&plan)) {
-                continue;
-            }
-            match Recording::open(path) {
-                Ok(recording) if is_of_use(recording.plan()) => {
+        for (path, opened) in paths.into_iter().zip(opened) {
+            match into_unlocked(opened) {
+                Some(Ok(Some(recording))) => {
                     let checked = std::iter::repeat_with(OnceLock::new).take(recording.sealed.len()).collect();
                     runs.push(EarlierRun { recording, checked, is_reused: AtomicBool::new(false) });
                 }
-                Ok(_) => {}
-                Err(RecordingError::Format { .. }) => {}
-                Err(error) if is_only_begun(path, &error) => {}
-                Err(error) => unreadable.push((path.to_owned(), error)),
+                Some(Ok(None)) | None => {}
+                Some(Err(error)) => unreadable.push((path, error)),
             }
         }
-        Self { runs, unreadable, damage: Mutex::default() }
+        Self { runs, by_key: OnceLock::new(), unreadable, damage: Mutex::default() }
     }
 
     /// The recordings that cannot be read, and why; except those whose run has just begun, and removed ones.
@@ -121,8 +127,9 @@ impl EarlierRuns {
 
     /// The recordings with undamaged values of a key, in order, and where they are.
     fn located(&self, key: &Key) -> impl Iterator<Item = (&EarlierRun, KeyedPlace)> {
-        self.runs.iter().filter_map(|run| {
-            let place = run.recording.place_of(key)?;
+        let index = self.by_key.get_or_init(|| KeyIndex::new(self.runs.iter().map(|run| &run.recording)));
+        index.places(key).filter_map(|(number, place)| {
+            let run = &self.runs[number];
             let is_sound = match place.values() {
                 StoredValues::Frame { run: stage, position, .. } => self.checksums(run, stage, position).is_some(),
                 // An attachment has its own checksum, and is checked against the hash in its name.
@@ -156,6 +163,34 @@ impl EarlierRuns {
         });
         checked.as_deref()
     }
+}
+
+/// Opens a recording; `None` if it has no values of the plan's nodes, or nothing yet.
+fn open_if_of_use(
+    path: &Path,
+    files: &Arc<OpenFiles>,
+    is_of_use: &impl Fn(&RecordedPlan) -> bool,
+) -> Result<Option<Recording>, RecordingError> {
+    if recorded_plan(path).is_some_and(|(format, plan)| format != FORMAT || !is_of_use(&plan)) {
+        return Ok(None);
+    }
+    match Recording::open_on_demand(path, files) {
+        Ok(recording) => Ok(Some(recording).filter(|recording| is_of_use(recording.plan()))),
+        Err(RecordingError::Format { .. }) => Ok(None),
+        Err(error) if is_only_begun(path, &error) => Ok(None),
+        Err(error) => Err(error),
+    }
+}
+
+/// How many recordings stay open: a quarter of the files that this process may have open, and at most 256.
+fn most_open_files() -> usize {
+    const MOST: usize = 256;
+    #[cfg(unix)]
+    let limit = rustix::process::getrlimit(rustix::process::Resource::Nofile).current;
+    #[cfg(not(unix))]
+    let limit: Option<u64> = None;
+    let quarter = limit.and_then(|limit| usize::try_from(limit / 4).ok()).unwrap_or(MOST);
+    quarter.clamp(1, MOST)
 }
 
 /// Whether a recording cannot be read because nothing has been written yet, or because it was removed in the meantime.

@@ -1,6 +1,5 @@
 //! A recording as a store: values by key.
 
-use std::collections::BTreeMap;
 use std::sync::Arc;
 
 use depthloom_graphs::contracts::{Fault, Slot, Store, StoredPort, StoredState};
@@ -13,26 +12,7 @@ use crate::error::RecordingError;
 use crate::plan::RecordedOutput;
 use crate::read::index::ChunkEntry;
 use crate::read::recording::{RecordedAggregate, RecordedContent, Recording, StoredValues};
-
-/// Where the values of one cache key are stored. Only [`Recording::place_of`] creates a place, and stored bytes can be
-/// read only by a place. So the key of stored bytes is always known, and topic, node, variant and position never decide
-/// which bytes are read.
-#[derive(Clone, Copy, Debug)]
-pub(crate) struct KeyedPlace {
-    key: Key,
-    values: StoredValues,
-}
-
-impl KeyedPlace {
-    /// The key that the values are stored under.
-    pub(crate) const fn key(&self) -> Key {
-        self.key
-    }
-
-    pub(crate) const fn values(&self) -> StoredValues {
-        self.values
-    }
-}
+use crate::reuse::key_index::{KeyIndex, KeyedPlace};
 
 /// The chunk with a value of a port, and its topic in the recording.
 pub(crate) struct ValueChunk<'a> {
@@ -45,14 +25,14 @@ pub(crate) struct ValueChunk<'a> {
 impl Recording {
     /// Where the values of a key are stored.
     pub(crate) fn place_of(&self, key: &Key) -> Option<KeyedPlace> {
-        let values = *self.by_key.get_or_init(|| self.keyed_places()).get(key)?;
-        Some(KeyedPlace { key: *key, values })
+        let index = self.by_key.get_or_init(|| KeyIndex::new(std::iter::once(self)));
+        index.places(key).next().map(|(_, place)| place)
     }
 
     /// The chunk with the value of a port under the key of a place; `None` for aggregate values, and if the port has no
     /// value.
     pub(crate) fn value_chunk(&self, place: KeyedPlace, port: &str) -> Option<ValueChunk<'_>> {
-        let StoredValues::Frame { run, position, node } = place.values else { return None };
+        let StoredValues::Frame { run, position, node } = place.values() else { return None };
         let topic = self.topic_of(run, node, port)?;
         self.channels_of(topic).find_map(|channel| {
             let chunk = self.chunk_of(run, position, channel)?;
@@ -68,7 +48,7 @@ impl Recording {
 
     /// What the recording has of a place, by output port: all ports of a node share its key. See [`Store::find`].
     pub(crate) fn stored_at(&self, place: KeyedPlace) -> Vec<StoredPort> {
-        match place.values {
+        match place.values() {
             StoredValues::Once { run, node } => self.stored_aggregates(run, node),
             StoredValues::Frame { run, position, node } => {
                 let frame = &self.frames(run)[position];
@@ -107,7 +87,7 @@ impl Recording {
     pub(crate) fn value_at(&self, place: KeyedPlace, port: &str) -> Result<Option<Value>, RecordingError> {
         let missing =
             || RecordingError::Missing { path: self.path().to_owned(), what: format!("a value of port `{port}`") };
-        match place.values {
+        match place.values() {
             StoredValues::Frame { run, position, node } => {
                 let mut outputs = self.outputs_of(run, node);
                 let output = outputs.find(|output| output.port == port && self.keeps(output, position));
@@ -141,7 +121,7 @@ impl Recording {
 
     /// The warnings that were reported when the values at a place were computed.
     pub(crate) fn warnings_at(&self, place: KeyedPlace) -> Vec<(String, u64)> {
-        match place.values {
+        match place.values() {
             StoredValues::Frame { run, position, node } => {
                 let warnings = self.frames(run)[position].warnings.iter().filter(|warning| warning.node == node);
                 warnings.map(|warning| (warning.what.clone(), warning.count)).collect()
@@ -199,20 +179,20 @@ impl Recording {
         })
     }
 
-    fn keyed_places(&self) -> BTreeMap<Key, StoredValues> {
-        let mut places = BTreeMap::new();
+    /// Passes each key and where its values are: first those of frames in order, then aggregate values.
+    pub(crate) fn each_keyed_place(&self, mut each: impl FnMut(Key, StoredValues)) {
         for run in RunId::all(self.plan().runs.len()) {
             for (position, frame) in FrameIndex::enumerate(self.frames(run)) {
                 let of_nodes = frame.keys.iter().map(|of| (of.key, Some(of.node)));
                 let of_source = frame.source_key.map(|key| (key, None));
                 for (key, node) in of_source.into_iter().chain(of_nodes) {
-                    places.entry(key).or_insert(StoredValues::Frame { run, position, node });
+                    each(key, StoredValues::Frame { run, position, node });
                 }
             }
         }
-        let once = self.aggregate_values().iter();
-        places.extend(once.map(|once| (once.key, StoredValues::Once { run: once.run, node: once.node })));
-        places
+        for once in self.aggregate_values() {
+            each(once.key, StoredValues::Once { run: once.run, node: once.node });
+        }
     }
 }
 

@@ -7,6 +7,7 @@ mod finer_values;
 mod fixture;
 mod live;
 mod looking;
+mod many_recordings;
 mod other_readers;
 mod python;
 mod ring;
