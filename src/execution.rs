@@ -17,7 +17,7 @@ use depthloom_graphs::{counted, render};
 use depthloom_nodes::onnx;
 use depthloom_recording::{Condition, Recorder, Recording};
 use depthloom_runner::{Checkpoints, Interrupt, Observer, Options, Report, RunError, Unwatched};
-use depthloom_runs::environment::{self, ENVIRONMENT, Environment};
+use depthloom_runs::environment::{self, ENVIRONMENT, Environment, Work};
 use depthloom_runs::reuse::{self, Reused};
 use depthloom_runs::run_folder::RunFolder;
 use depthloom_runs::{
@@ -116,13 +116,14 @@ pub(crate) fn carry_out(
 
     let stopped = || interrupt.stops_admission();
     let partial = folder.partial.clone();
+    let start = Work::since_start();
     let recorded = record(ready, &plan, args, &options, (&folder, &partial), resumable, interrupt, &stopped, remote);
     let Recorded { failed, warnings, checkpoints, reused, prepared, has_printed } = match recorded {
         Ok(recorded) => recorded,
         Err(ended) => return Err(ended.stop(folder, remote.is_some())),
     };
     let finished = finish(args, &folder, prepared, interrupt, || {
-        environment::describe(options.workers, options.window, &read, git)
+        environment::describe(options.workers, options.window, &read, git).with_start(start)
     });
     let Finished { report, environment, key, frames, failures } = finished.map_err(|stop| {
         let partial = folder.partial.display();
@@ -314,6 +315,7 @@ fn finish(
     interrupt: &Interrupt,
     environment: impl FnOnce() -> Environment,
 ) -> Result<Finished, CliError> {
+    let before_report = Work::since_start();
     let recording = Recording::open(folder.file(RECORDING))
         .map_err(|error| CliError::remedied(ExitCode::Engine, "failed to read the recording back", &error))?;
     models::write(&recording, &folder.partial)?;
@@ -322,8 +324,10 @@ fn finish(
         samples::write(&recording, &folder.file(SAMPLES), None, is_silent(args), interrupt)?;
     }
     let mut environment = environment();
+    environment.report = Some(Work::since(before_report));
     folder.write(ENVIRONMENT, &environment.text())?;
     if !args.page.no_page {
+        let before_page = Work::since_start();
         page::write(
             &recording,
             &folder.partial,
@@ -333,6 +337,7 @@ fn finish(
             interrupt,
         )?;
         // The page's time and memory are the run's, too.
+        environment.page = Some(Work::since(before_page));
         environment.measure_again();
         folder.write(ENVIRONMENT, &environment.text())?;
     }
