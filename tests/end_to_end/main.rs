@@ -12,6 +12,7 @@ mod broken_files;
 mod browser;
 mod commands;
 mod compare;
+mod cost;
 mod data;
 mod determinism;
 mod disparity_scores;
