@@ -111,7 +111,7 @@ pub(crate) enum Command {
     /// Show the nodes that would run.
     ///
     /// It lists every node, the variants that share it, and its hash. With `--reuse` it also shows what a run would
-    /// reuse from earlier runs.
+    /// reuse from earlier runs. With `--cost` it predicts CPU time, wall-clock time and bytes from an earlier run.
     Plan(PlanArgs),
     /// Draw the experiment's graph.
     Graph(GraphArgs),

@@ -45,6 +45,7 @@ outputs! {
     "nodes" => render::Nodes,
     "nodes-kind" => render::NodesKind,
     "plan" => render::Plan,
+    "plan-cost" => experiments::cost::PlanCost,
     "plan-reuse" => experiments::plan::PlanReuse,
     "report" => crate::results::report::Report,
     "run" => crate::execution::Run,

@@ -19,7 +19,7 @@ use depthloom_jobs::Shard;
 use depthloom_nodes::onnx;
 use depthloom_recording::{Condition, Recorder, Recording};
 use depthloom_runner::{Checkpoints, Interrupt, Observer, Options, Report, RunError};
-use depthloom_runs::environment::{self, ENVIRONMENT, Environment};
+use depthloom_runs::environment::{self, ENVIRONMENT, Environment, Work};
 use depthloom_runs::reuse::{self, Reused};
 use depthloom_runs::run_folder::RunFolder;
 use depthloom_runs::{
@@ -120,13 +120,14 @@ pub(crate) fn carry_out(
     let stopped = || interrupt.stops_admission();
     let partial = folder.partial.clone();
     let target = Target { folder: &folder, partial: &partial, remote, shard: None, watch };
+    let start = Work::since_start();
     let recorded = record(ready, &plan, args, &options, target, resumable, interrupt, &stopped);
     let Recorded { failed, warnings, checkpoints, reused, prepared, has_printed } = match recorded {
         Ok(recorded) => recorded,
         Err(ended) => return Err(ended.stop(folder, remote.is_some())),
     };
     let finished = finish(args, &folder, prepared, interrupt, || {
-        environment::describe(options.workers, options.window, &read, git)
+        environment::describe(options.workers, options.window, &read, git).with_start(start)
     });
     let Finished { report, environment, key, frames, failures } = finished.map_err(|stop| {
         let partial = folder.partial.display();
@@ -340,6 +341,7 @@ fn finish(
     interrupt: &Interrupt,
     environment: impl FnOnce() -> Environment,
 ) -> Result<Finished, CliError> {
+    let before_report = Work::since_start();
     let recording = Recording::open(folder.file(RECORDING))
         .map_err(|error| CliError::remedied(ExitCode::Engine, "failed to read the recording back", &error))?;
     models::write(&recording, &folder.partial)?;
@@ -348,8 +350,10 @@ fn finish(
         samples::write(&recording, &folder.file(SAMPLES), None, is_silent(args), interrupt)?;
     }
     let mut environment = environment();
+    environment.report = Some(Work::since(before_report));
     folder.write(ENVIRONMENT, &environment.text())?;
     if !args.page.no_page {
+        let before_page = Work::since_start();
         page::write(
             &recording,
             &folder.partial,
@@ -359,6 +363,7 @@ fn finish(
             interrupt,
         )?;
         // The page's time and memory are the run's, too.
+        environment.page = Some(Work::since(before_page));
         environment.measure_again();
         folder.write(ENVIRONMENT, &environment.text())?;
     }

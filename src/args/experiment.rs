@@ -6,7 +6,7 @@ use clap::{Args, ValueEnum};
 use clap_complete::engine::ArgValueCompleter;
 
 use super::{JsonArgs, RunsFolder};
-use crate::completion::{experiments, folders};
+use crate::completion::{experiments, folders, runs};
 
 /// An experiment file, and the changes to it.
 #[derive(Clone, Debug, Args)]
@@ -96,6 +96,8 @@ pub(crate) struct CheckArgs {
     guide: "explanation/keys-and-reuse.md",
     "plan first.yaml" => "stereo runs once for all variants",
     "plan first.yaml --reuse --set compare.stereo.with.block=7" => "what a run would reuse",
+    "plan first.yaml --cost --frames 10000 --workers 64" => "what a run would cost, from the newest run of it",
+    "plan first.yaml --cost --from first/one --json | jq .core_hours" => "for programs",
 ])]
 pub(crate) struct PlanArgs {
     #[command(flatten)]
@@ -107,6 +109,61 @@ pub(crate) struct PlanArgs {
     /// not all are. It opens sources and inference engines, as `run` does.
     #[arg(long)]
     pub reuse: bool,
+
+    /// Predict the cost of a run from an earlier run.
+    ///
+    /// It prints CPU time, wall-clock time, bytes read and written, and the load of the file system. They come from
+    /// the CPU time and the bytes per frame that the earlier run measured. A node that the earlier run does not have
+    /// costs as much as one of the same kind. Aggregate nodes, such as trainings, cost the same for any number of
+    /// frames. The command opens sources and inference engines, as `run` does.
+    #[arg(long, conflicts_with = "reuse")]
+    pub cost: bool,
+
+    /// Use the measurements of this run, with `--cost` (default: the nearest run).
+    ///
+    /// It is the folder of a run, a unique prefix of its name in the folder of runs, or `@latest`. The nearest run is
+    /// the finished run that measured the most nodes of the experiment, and of several the newest one. Values that a
+    /// run reused have no measurement.
+    #[arg(long, value_name = "RUN", requires = "cost", add = ArgValueCompleter::new(runs))]
+    pub from: Option<PathBuf>,
+
+    /// Predict for N frames in every stage, with `--cost` (default: the frames of its source).
+    ///
+    /// A stage that another stage reads, such as a training, keeps the frames of its source.
+    #[arg(long, value_name = "N", requires = "cost", value_parser = clap::value_parser!(u64).range(1..=1_000_000_000))]
+    pub frames: Option<u64>,
+
+    /// Predict for N variants, with `--cost` (default: those of the experiment).
+    ///
+    /// Each costs as much as a variant of the experiment on average. Nodes that all variants share count once.
+    #[arg(
+        long = "variants",
+        value_name = "N",
+        requires = "cost",
+        value_parser = clap::value_parser!(u64).range(1..=1_000_000),
+    )]
+    pub variant_count: Option<u64>,
+
+    /// Predict the time of N workers, with `--cost` (default: number of cores).
+    #[arg(long, short = 'j', value_name = "N", requires = "cost", value_parser = clap::value_parser!(u16).range(1..))]
+    pub workers: Option<u16>,
+
+    /// Assume this bandwidth of the file system, MB/s (default: 500).
+    ///
+    /// It is the number of megabytes that all workers together can read and write in a second.
+    #[arg(
+        long,
+        value_name = "MB/S",
+        requires = "cost",
+        default_value_t = 500,
+        hide_default_value = true,
+        value_parser = clap::value_parser!(u64).range(1..=1_000_000_000),
+    )]
+    pub bandwidth: u64,
+
+    /// Predict the cost without `report.html`, with `--cost`.
+    #[arg(long, requires = "cost")]
+    pub no_page: bool,
 
     #[command(flatten)]
     pub exec: ExecArgs,

@@ -1,6 +1,7 @@
 //! Commands of experiments: write, check, plan and run one.
 
 pub(crate) mod check;
+pub(crate) mod cost;
 pub(crate) mod dora;
 pub(crate) mod dora_node;
 pub(crate) mod graph;

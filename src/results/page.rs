@@ -50,7 +50,9 @@ pub(crate) fn surroundings(folder: &Path) -> Surroundings {
         entries.remove("reads");
         entries.remove("peak_resident_bytes");
         // Measured again after the page.
-        entries.remove("wall_s");
+        for time in ["wall_s", "cpu_s", "start", "report", "page"] {
+            entries.remove(time);
+        }
     }
     let timings = folder.join(TIMINGS);
     let timings = timings.is_file().then(|| read_timings(&timings).ok()).flatten().unwrap_or_default();

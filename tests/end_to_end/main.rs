@@ -14,6 +14,7 @@ mod browser;
 mod cluster;
 mod commands;
 mod compare;
+mod cost;
 mod data;
 mod determinism;
 mod disparity_scores;

@@ -178,6 +178,7 @@ fn every_json_output_matches_its_schema() {
     check("inspect-recording", 0, &["inspect", first, "--keys", "--verify-bytes", "--json"]);
     check("export", 0, &["export", first, "--out", "maps", "--json"]);
     check("verify", 0, &["verify", first, "--json"]);
+    check("plan-cost", 0, &["plan", "outputs.yaml", "--cost", "--from", first, "--json"]);
     check("plan-reuse", 0, &["plan", "outputs.yaml", "--reuse", "--json"]);
     check("runs-list", 0, &["runs", "--json"]);
     check("runs-show", 0, &["runs", "show", first, "--json"]);

@@ -8,8 +8,9 @@ use depthloom_graphs::regular_file;
 use depthloom_kernels::simd::Level;
 use depthloom_nodes::onnx;
 use depthloom_nodes::onnx::Provider;
+use rustix::time::{ClockId, clock_gettime};
 use schemars::JsonSchema;
-use serde::Serialize;
+use serde::{Deserialize, Serialize};
 use serde_json::Value as Json;
 
 use crate::git::GitState;
@@ -43,7 +44,38 @@ pub struct Environment {
     finished_utc: String,
     /// Seconds from the start of the process to its last file.
     wall_s: f64,
+    /// CPU seconds of the process, and of the programs that it waited for, until its last file.
+    cpu_s: f64,
+    /// Until the first frame; null for a live run.
+    start: Option<Work>,
+    /// The analysis, with its tables and figures; null for a live run.
+    pub report: Option<Work>,
+    /// The page; null without one.
+    pub page: Option<Work>,
     peak_resident_bytes: Option<u64>,
+}
+
+/// The time of a part of a run.
+#[derive(Clone, Copy, Debug, PartialEq, JsonSchema, Serialize, Deserialize)]
+pub struct Work {
+    /// CPU seconds of all threads, and of the programs that the process waited for.
+    pub cpu_s: f64,
+    /// Seconds of wall-clock time.
+    pub wall_s: f64,
+}
+
+impl Work {
+    /// The time since the start of the process.
+    pub fn since_start() -> Self {
+        Self { cpu_s: cpu_seconds(), wall_s: wall_seconds() }
+    }
+
+    /// The time since `earlier`, which [`Work::since_start`] returned.
+    #[must_use]
+    pub fn since(earlier: Self) -> Self {
+        let now = Self::since_start();
+        Self { cpu_s: now.cpu_s - earlier.cpu_s, wall_s: now.wall_s - earlier.wall_s }
+    }
 }
 
 static STARTED: LazyLock<Instant> = LazyLock::new(Instant::now);
@@ -86,6 +118,10 @@ pub fn describe(workers: usize, window: Option<usize>, read: &[PathBuf], git: Op
         window: window.map(|window| window as u64),
         finished_utc: utc_stamp(),
         wall_s: wall_seconds(),
+        cpu_s: cpu_seconds(),
+        start: None,
+        report: None,
+        page: None,
         peak_resident_bytes: peak_resident_bytes(),
     }
 }
@@ -94,10 +130,35 @@ fn wall_seconds() -> f64 {
     STARTED.elapsed().as_secs_f64()
 }
 
+fn cpu_seconds() -> f64 {
+    let time = clock_gettime(ClockId::ProcessCPUTime);
+    time.tv_sec as f64 + time.tv_nsec as f64 / 1e9 + programs_cpu_seconds().unwrap_or(0.0)
+}
+
+/// CPU seconds of the ended programs that the process started; `None` if the system does not report them.
+fn programs_cpu_seconds() -> Option<f64> {
+    /// Linux counts this time in hundredths of a second, whatever its kernel's clock.
+    const TICKS_PER_S: f64 = 100.0;
+    let stat = std::fs::read_to_string("/proc/self/stat").ok()?;
+    // The second entry is the name of the program in parentheses, which may contain spaces.
+    let (_, entries) = stat.rsplit_once(')')?;
+    let mut ticks = entries.split_whitespace().skip(13).map(str::parse::<u64>);
+    let (user, system) = (ticks.next()?.ok()?, ticks.next()?.ok()?);
+    Some((user + system) as f64 / TICKS_PER_S)
+}
+
 impl Environment {
+    /// The same, with the time until the first frame.
+    #[must_use]
+    pub const fn with_start(mut self, start: Work) -> Self {
+        self.start = Some(start);
+        self
+    }
+
     /// Measures time and memory again, after more work.
     pub fn measure_again(&mut self) {
         self.wall_s = wall_seconds();
+        self.cpu_s = cpu_seconds();
         self.peak_resident_bytes = peak_resident_bytes();
     }
 
@@ -187,4 +248,29 @@ fn peak_resident_bytes() -> Option<u64> {
 /// The time now as `2026-11-21T08-30-05Z`: UTC, sortable, and a file name everywhere.
 pub fn utc_stamp() -> String {
     chrono::Utc::now().format(STAMP).to_string()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::{Work, programs_cpu_seconds};
+
+    #[test]
+    fn the_time_of_the_process_grows_while_it_works() {
+        let start = Work::since_start();
+        let mut x = 1_u64;
+        while Work::since(start).cpu_s < 0.01 {
+            x = std::hint::black_box(x.wrapping_mul(3));
+        }
+        let spent = Work::since(start);
+        assert!(spent.cpu_s < 10.0 && spent.wall_s > 0.0, "{spent:?}");
+    }
+
+    #[cfg(target_os = "linux")]
+    #[test]
+    fn programs_that_ended_count() {
+        let before = programs_cpu_seconds().unwrap();
+        let program = "i=0; while [ $i -lt 100000 ]; do i=$((i+1)); done";
+        assert!(std::process::Command::new("sh").args(["-c", program]).status().unwrap().success());
+        assert!(programs_cpu_seconds().unwrap() > before);
+    }
 }

@@ -15,6 +15,7 @@ use depthloom_terminal::{CliError, ExitCode, aligned, print};
 use schemars::JsonSchema;
 use serde::Serialize;
 
+use super::cost;
 use crate::allow_exec;
 use crate::args::PlanArgs;
 use crate::experiment::load;
@@ -46,6 +47,9 @@ pub(crate) struct ReusedNode {
 /// Prints every node of the plan, the variants that share it, and its node hash.
 pub(crate) fn plan(args: &PlanArgs, registry: &Registry) -> Result<ExitCode, CliError> {
     let loaded = load(&args.experiment, registry, args.output.json)?;
+    if args.cost {
+        return cost::cost(args, loaded, registry);
+    }
     if args.reuse {
         return reuse(args, loaded, registry);
     }
