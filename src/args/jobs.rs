@@ -7,7 +7,7 @@ use clap_complete::engine::ArgValueCompleter;
 use depthloom_jobs::Scheduler;
 
 use super::{ExecArgs, ExperimentArgs, RunsFolder, SplitBy};
-use crate::completion::folders;
+use crate::completion::{folders, runs};
 
 #[derive(Debug, Args)]
 #[command(after_long_help = examples![
@@ -55,6 +55,13 @@ pub(crate) struct SubmitArgs {
     /// Run at most N jobs at once, with `--to local` (default: number of cores / workers).
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u16).range(1..=1024))]
     pub parallel: Option<u16>,
+
+    /// Request time and memory from the measurements of this run (default: request nothing).
+    ///
+    /// It is an earlier run of the experiment, for example of a few frames. Three times the predicted time and 1.5 times
+    /// the memory are requested. `--time` and `--mem` after `--` take precedence.
+    #[arg(long, value_name = "RUN", add = ArgValueCompleter::new(runs))]
+    pub from: Option<PathBuf>,
 
     /// Record shards in this folder of the job's machine first.
     ///

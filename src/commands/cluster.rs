@@ -2,6 +2,7 @@
 
 pub(crate) mod cancel;
 pub(crate) mod local;
+pub(crate) mod requests;
 pub(crate) mod retry;
 pub(crate) mod scratch;
 pub(crate) mod show;

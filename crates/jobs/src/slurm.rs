@@ -221,12 +221,24 @@ pub struct JobCommand {
     pub command: String,
     /// The cores of each job.
     pub cores: Option<u16>,
+    /// By step, what its jobs request. Empty: nothing.
+    pub requests: Vec<JobRequest>,
+}
+
+/// What a job requests from the scheduler.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct JobRequest {
+    /// Wall-clock time, minutes.
+    pub minutes: Option<u64>,
+    /// Memory, MB.
+    pub memory_mb: Option<u64>,
 }
 
 /// The script of a step: a job array of Slurm, which other schedulers can run with an index as its argument.
 #[must_use]
 pub fn script(submission: &Submission, folder: &Path, step: usize, command: &JobCommand) -> String {
-    let JobCommand { setup, command, cores } = command;
+    let JobCommand { setup, command, cores, requests } = command;
+    let JobRequest { minutes, memory_mb } = requests.get(step).copied().unwrap_or_default();
     let name = format!("{}-{}", submission.experiment, submission.steps[step].name);
     let log = folder.join(LOGS).join(format!("{}-%a.log", step + 1));
     let mut text = String::from("#!/bin/sh\n");
@@ -239,6 +251,12 @@ pub fn script(submission: &Submission, folder: &Path, step: usize, command: &Job
     option(&format!("--chdir={}", quoted(&submission.directory.display().to_string())));
     if let Some(cores) = cores {
         option(&format!("--cpus-per-task={cores}"));
+    }
+    if let Some(minutes) = minutes {
+        option(&format!("--time={minutes}"));
+    }
+    if let Some(memory) = memory_mb {
+        option(&format!("--mem={memory}M"));
     }
     option("--requeue");
     // A minute before its time limit, and before it is preempted, the job stores what it has.

@@ -4,13 +4,14 @@ use std::path::{Path, PathBuf};
 
 use depthloom_graphs::ready::open;
 use depthloom_graphs::{Registry, counted};
-use depthloom_jobs::slurm::JobCommand;
+use depthloom_jobs::slurm::{JobCommand, JobRequest};
 use depthloom_jobs::{
     FORMAT, JobState, LOGS, Scheduler, ShardFolder, Split, Submission, SubmitLock, slurm, states, steps,
 };
 use depthloom_runs::environment::utc_stamp;
 use depthloom_terminal::{CliError, ExitCode, print, say};
 
+use super::requests::requests;
 use super::{SubmissionFolder, absolute, local, show};
 use crate::allow_exec;
 use crate::args::{SplitBy, SubmitArgs};
@@ -33,12 +34,13 @@ pub(crate) fn submit(args: &SubmitArgs, registry: &Registry) -> Result<ExitCode,
     let plan = &loaded.plan;
     let runs = absolute(&args.folder.path())?;
     let folder = shard_folder(&runs, plan)?;
-    let mut most = 0;
+    let mut frames = Vec::new();
     for run in &plan.runs {
         // A source that cannot be opened here is reported now, and not by every job.
         let source = open(&run.source, registry).map_err(|missing| CliError::of_missing(&[*missing]))?;
-        most = most.max(source.frames().len());
+        frames.push(source.frames().len());
     }
+    let most = frames.iter().copied().max().unwrap_or_default();
     let split = split(args, most, plan.variants.len())?;
     let out = match &args.out {
         Some(out) => absolute(out)?,
@@ -64,7 +66,15 @@ pub(crate) fn submit(args: &SubmitArgs, registry: &Registry) -> Result<ExitCode,
     if scheduler == Scheduler::Local && (args.program.is_some() || !args.setup.is_empty()) {
         return Err(CliError::usage("--program and --setup are for scripts, not for --to local", "leave them out"));
     }
-    let command = command(&folder, args)?;
+    let requests = match &args.from {
+        Some(run) => {
+            let recording = args.folder.recording(run, "submit EXPERIMENT --from")?;
+            let run = recording.parent().unwrap_or(Path::new("."));
+            requests(run, plan, &frames, &submission.steps, args.workers.unwrap_or(1))?
+        }
+        None => Vec::new(),
+    };
+    let command = command(&folder, args, requests)?;
     if args.dry_run {
         return dry_run(&submission, &folder, &command);
     }
@@ -145,7 +155,7 @@ fn keep_from_running_twice(folder: &ShardFolder, new: &Submission) -> Result<(),
 }
 
 /// The command of a script, without the job.
-fn command(folder: &ShardFolder, args: &SubmitArgs) -> Result<JobCommand, CliError> {
+fn command(folder: &ShardFolder, args: &SubmitArgs, requests: Vec<JobRequest>) -> Result<JobCommand, CliError> {
     let program = match &args.program {
         Some(program) => program.clone(),
         None => {
@@ -157,7 +167,7 @@ fn command(folder: &ShardFolder, args: &SubmitArgs) -> Result<JobCommand, CliErr
     let folder = slurm::shell_quoted(&folder.path().display().to_string());
     let exec = if args.exec.allow_exec { " --allow-exec" } else { "" };
     let command = format!("{program} jobs start {folder}{exec}");
-    Ok(JobCommand { setup: args.setup.clone(), command, cores: args.workers })
+    Ok(JobCommand { setup: args.setup.clone(), command, cores: args.workers, requests })
 }
 
 fn write(submission: &Submission, folder: &ShardFolder, command: &JobCommand) -> Result<(), CliError> {

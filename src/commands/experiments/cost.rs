@@ -21,7 +21,7 @@ use depthloom_terminal::{CliError, ExitCode, aligned, print, size};
 use schemars::JsonSchema;
 use serde::Serialize;
 
-pub(crate) use measured::{Costs, measured};
+pub(crate) use measured::{Costs, NodeCosts, StageCosts, measured};
 
 use self::matching::{Matched, frames_of, is_read_by_another_stage, matched};
 use self::measured::Timings;
@@ -177,7 +177,7 @@ fn warnings(plan: &Plan, costs: &Costs, found: &Matched) -> Vec<String> {
         }
     }
     let nodes = || costs.stages.iter().flat_map(|stage| stage.nodes.iter().map(move |node| (stage, node)));
-    let is_reused = |(stage, node): &(&measured::StageCosts, &measured::NodeCosts)| {
+    let is_reused = |(stage, node): &(&StageCosts, &NodeCosts)| {
         node.frames < stage.frames && !(node.frames == 0 && node.once.is_some())
     };
     let reused = nodes().filter(is_reused).count();
