@@ -10,7 +10,7 @@ use std::time::SystemTime;
 use depthloom_graphs::regular_file;
 use depthloom_threads::locked;
 
-/// Files that are opened when they are read. So many stay open at once; the one that was opened first is closed first.
+/// Files that are opened when they are read. A limited number stays open: the one that was opened first is closed first.
 #[derive(Debug)]
 pub struct OpenFiles {
     most: usize,
@@ -62,9 +62,9 @@ impl FileOnDemand {
         }
         let file = Arc::new(self.reopen(path)?);
         let is_first = {
-            let mut kept = locked(&self.file);
-            let is_first = kept.is_none();
-            kept.get_or_insert_with(|| Arc::clone(&file));
+            let mut slot = locked(&self.file);
+            let is_first = slot.is_none();
+            slot.get_or_insert_with(|| Arc::clone(&file));
             is_first
         };
         // Otherwise another thread has opened it meanwhile.
