@@ -10,7 +10,8 @@ use std::time::SystemTime;
 use depthloom_graphs::regular_file;
 use depthloom_threads::locked;
 
-/// Files that are opened when they are read. A limited number stays open: the one that was opened first is closed first.
+/// Files that are opened when they are read. A limited number stays open, and the one that was opened first is closed
+/// first.
 #[derive(Debug)]
 pub struct OpenFiles {
     most: usize,
