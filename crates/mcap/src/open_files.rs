@@ -10,12 +10,15 @@ use std::time::SystemTime;
 use depthloom_graphs::regular_file;
 use depthloom_threads::locked;
 
+/// A file while it is open.
+type Slot = Arc<Mutex<Option<Arc<File>>>>;
+
 /// Files that are opened when they are read. A limited number stays open, and the one that was opened first is closed
 /// first.
 #[derive(Debug)]
 pub struct OpenFiles {
     most: usize,
-    open: Mutex<VecDeque<Arc<Mutex<Option<Arc<File>>>>>>,
+    open: Mutex<VecDeque<Slot>>,
 }
 
 impl OpenFiles {
@@ -26,7 +29,7 @@ impl OpenFiles {
     }
 
     /// Keeps a file open, and closes another one if too many are open.
-    fn keep(&self, file: &Arc<Mutex<Option<Arc<File>>>>) {
+    fn keep(&self, file: &Slot) {
         let closed = {
             let mut open = locked(&self.open);
             open.push_back(Arc::clone(file));
@@ -45,7 +48,7 @@ pub(crate) struct FileOnDemand {
     identity: Identity,
     /// Where the file is if it is no longer at its path.
     moved: Option<PathBuf>,
-    file: Arc<Mutex<Option<Arc<File>>>>,
+    file: Slot,
 }
 
 impl FileOnDemand {
