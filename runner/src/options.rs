@@ -1,6 +1,5 @@
 //! How a plan is run.
 
-use std::num::NonZeroUsize;
 use std::path::PathBuf;
 
 use crate::share::Share;
@@ -35,10 +34,16 @@ pub enum Audit {
 }
 
 impl Default for Options {
-    /// One worker per core.
+    /// One worker per core that this process may use.
     fn default() -> Self {
-        let workers = std::thread::available_parallelism().map_or(1, NonZeroUsize::get);
-        Self { workers, window: None, keep_going: false, checkpoints: None, audit: Audit::default(), share: None }
+        Self {
+            workers: depthloom_threads::core_count(),
+            window: None,
+            keep_going: false,
+            checkpoints: None,
+            audit: Audit::default(),
+            share: None,
+        }
     }
 }
 

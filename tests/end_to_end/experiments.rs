@@ -132,6 +132,39 @@ fn every_command_has_help_and_every_kind_a_reference() {
 }
 
 #[test]
+fn threads_follow_the_cores_of_a_task_of_slurm() {
+    let all = std::thread::available_parallelism().map_or(1, usize::from) as u64;
+    let doctor = |cores: Option<&str>| -> (Option<u64>, String) {
+        let mut command = depthloom();
+        command.env_remove("SLURM_CPUS_PER_TASK").args(["doctor", "--json"]);
+        command.envs(cores.map(|cores| ("SLURM_CPUS_PER_TASK", cores)));
+        let printed: Value = serde_json::from_slice(&succeed(&mut command).stdout).expect("JSON");
+        (printed["cores"].as_u64(), printed["cores_from"].as_str().expect("text").to_owned())
+    };
+    for not_limiting in [None, Some("100000"), Some("0"), Some("many")] {
+        assert_eq!(doctor(not_limiting), (Some(all), "system".to_owned()), "{not_limiting:?}");
+    }
+    let from = if all > 1 { "SLURM_CPUS_PER_TASK" } else { "system" };
+    assert_eq!(doctor(Some("1")), (Some(1), from.to_owned()));
+
+    let folder = tempfile::tempdir().expect("a folder");
+    let run = folder.path().join("run");
+    let mut command = depthloom();
+    command.args([
+        "run",
+        "experiments/first-look.yaml",
+        "--set",
+        "sources.street.with.frames=0..1",
+        "--no-page",
+        "--out",
+    ]);
+    succeed(command.arg(&run).env("SLURM_CPUS_PER_TASK", "1"));
+    let environment = std::fs::read(run.join("environment.json")).expect("written");
+    let environment: Value = serde_json::from_slice(&environment).expect("JSON");
+    assert_eq!((&environment["cores"], &environment["workers"]), (&1.into(), &1.into()));
+}
+
+#[test]
 fn a_generated_street_is_readable_as_kitti() {
     let folder = tempfile::tempdir().expect("a folder");
     let data = folder.path().join("street");

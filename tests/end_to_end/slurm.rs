@@ -53,19 +53,19 @@ fn jobs_that_fail_wait_or_are_cancelled_have_the_states_of_slurm() {
     let after = format!("--dependency=afterok:{failing}");
     let dependent = cluster.submit(&[&after, "--kill-on-invalid-dep=yes", "--output=/dev/null"], "true");
     let waiting = cluster.submit(&[&after, "--output=/dev/null"], "true");
-    let state = |number: &str| cluster.jobs(&[number]).remove(number).expect("a job");
+    let current = |number: &str| cluster.jobs(&[number]).remove(number).expect("a job");
     assert_eq!(cluster.jobs(&[&failing]).len(), 3);
     // The reason is `Dependency`, or `Resources` while the node is busy.
-    assert_eq!(state(&dependent).state, "PENDING");
+    assert_eq!(current(&dependent).state, "PENDING");
     succeed_scancel(&cluster, &long);
     cluster.wait_for(&long, "CANCELLED");
     cluster.wait_for(&format!("{failing}_2"), "FAILED");
-    assert_eq!(state(&format!("{failing}_0")), job("COMPLETED", "None"));
-    assert_eq!(state(&format!("{failing}_2")), job("FAILED", "NonZeroExitCode"));
+    assert_eq!(current(&format!("{failing}_0")), job("COMPLETED", "None"));
+    assert_eq!(current(&format!("{failing}_2")), job("FAILED", "NonZeroExitCode"));
     assert!(cluster.scontrol(&["show", "job", &format!("{failing}_2")]).contains(" ExitCode=6:0"));
     cluster.wait_for(&dependent, "CANCELLED");
-    assert_eq!(state(&dependent), job("CANCELLED", "DependencyNeverSatisfied"));
-    assert_eq!(state(&waiting), job("PENDING", "DependencyNeverSatisfied"));
+    assert_eq!(current(&dependent), job("CANCELLED", "DependencyNeverSatisfied"));
+    assert_eq!(current(&waiting), job("PENDING", "DependencyNeverSatisfied"));
 }
 
 fn succeed_scancel(cluster: &Cluster, number: &str) {
@@ -109,10 +109,10 @@ fn a_job_that_exceeds_its_time_gets_sigterm_and_is_in_state_timeout() {
 #[test]
 fn clusters_are_independent_and_leave_no_process_even_after_a_panic() {
     const TEST: &str = "clusters_are_independent_and_leave_no_process_even_after_a_panic";
-    let Some(kept) = Cluster::start(TEST) else { return };
+    let Some(first) = Cluster::start(TEST) else { return };
     let options = ["--output=/dev/null", "--requeue"];
-    let number = kept.submit(&options, "sleep 600");
-    kept.wait_for(&number, "RUNNING");
+    let number = first.submit(&options, "sleep 600");
+    first.wait_for(&number, "RUNNING");
     let (folder, guard) = std::thread::spawn(|| {
         let other = Cluster::start(TEST).expect("Slurm was found");
         for _ in 0..CPUS {
@@ -133,10 +133,10 @@ fn clusters_are_independent_and_leave_no_process_even_after_a_panic() {
     let mark = folder.to_str().expect("text").trim_end_matches('/');
     assert_eq!(processes_with(mark), 0);
     assert!(!folder.exists());
-    assert_eq!(kept.jobs(&[&number])[&number].state, "RUNNING");
+    assert_eq!(first.jobs(&[&number])[&number].state, "RUNNING");
     // Its daemons work.
-    let next = kept.submit(&options, "true");
-    kept.wait_for(&next, "COMPLETED");
+    let next = first.submit(&options, "true");
+    first.wait_for(&next, "COMPLETED");
     // No command outside of a cluster reaches one.
     assert!(!Command::new("sinfo").env_remove("SLURM_CONF").output().is_ok_and(|output| output.status.success()));
 }

@@ -1,11 +1,9 @@
 //! Collects samples.
 
-use std::num::NonZero;
 use std::sync::Mutex;
-use std::thread;
 
 use depthloom_scores::ScoredPixels;
-use depthloom_threads::{Budget, Tiles as _, into_unlocked, locked};
+use depthloom_threads::{Budget, Tiles as _, core_count, into_unlocked, locked};
 
 use super::sample::sample;
 use super::spill::Spill;
@@ -176,7 +174,7 @@ impl<'a> Samples<'a> {
 /// The spreads of samples by metre, computed on all cores.
 fn spreads_by_metre(samples: Vec<Vec<u32>>) -> Vec<[Option<Spread>; 2]> {
     let metres: Vec<_> = samples.into_iter().map(|metre| Mutex::new((metre, [None; 2]))).collect();
-    let budget = Budget::new(thread::available_parallelism().map_or(1, NonZero::get));
+    let budget = Budget::new(core_count());
     let _own = budget.permit();
     budget.run(metres.len(), &|metre| {
         let mut metre = locked(&metres[metre]);

@@ -1,8 +1,6 @@
 //! Reads parts of samples on all cores.
 
-use std::num::NonZero;
 use std::sync::Mutex;
-use std::thread;
 
 use depthloom_threads::{Budget, Tiles as _, into_unlocked, locked};
 
@@ -51,5 +49,5 @@ pub(crate) fn scan<T: Send>(
 }
 
 pub(crate) fn threads() -> usize {
-    thread::available_parallelism().map_or(1, NonZero::get)
+    depthloom_threads::core_count()
 }

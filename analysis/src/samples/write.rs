@@ -2,17 +2,15 @@
 
 use std::collections::HashMap;
 use std::io::BufWriter;
-use std::num::NonZero;
 use std::path::Path;
 use std::sync::Mutex;
-use std::thread;
 
 use depthloom_graphs::Value;
 use depthloom_graphs::plan::{FrameIndex, Plan, RunId};
 use depthloom_graphs::values::Raster;
 use depthloom_recording::{FrameReader, RecordedPlan, Recording};
 use depthloom_scores::{ScoredPixels, Settings};
-use depthloom_threads::{Budget, Tiles as _, into_unlocked, locked};
+use depthloom_threads::{Budget, Tiles as _, core_count, into_unlocked, locked};
 use polars::frame::DataFrame;
 use polars::prelude::{
     ChunkFull, Column, NamedFrom, ParquetCompression, ParquetWriter, PolarsResult, Series, StringChunked,
@@ -225,7 +223,7 @@ impl Frames<'_> {
             all.filter(|at| self.selected.is_none_or(|selected| selected.contains(&(run, *at)))).collect()
         };
         let all = runs.iter().map(|run| positions(run.run).len()).sum();
-        let (mut done, threads) = (0, thread::available_parallelism().map_or(1, NonZero::get));
+        let (mut done, threads) = (0, core_count());
         let budget = Budget::new(threads);
         let _own = budget.permit();
         for stage in runs {

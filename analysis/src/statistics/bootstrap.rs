@@ -1,12 +1,10 @@
 //! Bootstrap intervals: frames are drawn repeatedly, with replacement.
 
 use clap::ValueEnum;
-use std::num::NonZero;
 use std::sync::Mutex;
-use std::thread;
 
 use depthloom_random::SplitMix64;
-use depthloom_threads::{Budget, Tiles as _, into_unlocked, locked};
+use depthloom_threads::{Budget, Tiles as _, core_count, into_unlocked, locked};
 
 use depthloom_scores::quantile::quantile;
 
@@ -144,7 +142,7 @@ impl Resampling {
     ) -> Result<Vec<Vec<f64>>, AnalysisError> {
         let all = self.resamples as usize;
         let replicates = Mutex::new(vec![vec![0.0; all]; numbers.len()]);
-        let budget = Budget::new(thread::available_parallelism().map_or(1, NonZero::get));
+        let budget = Budget::new(core_count());
         let _own = budget.permit();
         budget.run(all.div_ceil(AT_ONCE), &|tile| {
             if stop() {

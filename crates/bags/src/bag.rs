@@ -6,7 +6,7 @@ use std::sync::Arc;
 
 use depthloom_graphs::{Fault, regular_file};
 use depthloom_mcap::{PositionedFile, begins_as_mcap, name_of};
-use depthloom_threads::Budget;
+use depthloom_threads::{Budget, core_count};
 
 use crate::MOST_BYTES;
 use crate::metadata;
@@ -162,8 +162,7 @@ impl Bag {
     /// The first bytes of messages, at most `most` each; `None` where messages were compressed one by one: see
     /// [`Bag::read`].
     pub fn heads(&self, messages: &[Message], most: usize) -> Result<Vec<Option<Vec<u8>>>, Fault> {
-        let threads = std::thread::available_parallelism().map_or(1, Into::into);
-        let budget = Budget::new(threads);
+        let budget = Budget::new(core_count());
         let _own = budget.permit();
         let mut heads = vec![None; messages.len()];
         for (number, file) in self.files.iter().enumerate() {

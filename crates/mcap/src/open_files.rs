@@ -11,13 +11,14 @@ use depthloom_graphs::regular_file;
 use depthloom_threads::locked;
 
 /// A file while it is open.
-type OpenFile = Arc<Mutex<Option<Arc<File>>>>;
+type Slot = Arc<Mutex<Option<Arc<File>>>>;
 
-/// Files that are opened when they are read. So many stay open at once; the one that was opened first is closed first.
+/// Files that are opened when they are read. A limited number stays open, and the one that was opened first is closed
+/// first.
 #[derive(Debug)]
 pub struct OpenFiles {
     most: usize,
-    open: Mutex<VecDeque<OpenFile>>,
+    open: Mutex<VecDeque<Slot>>,
 }
 
 impl OpenFiles {
@@ -28,7 +29,7 @@ impl OpenFiles {
     }
 
     /// Keeps a file open, and closes another one if too many are open.
-    fn keep(&self, file: &OpenFile) {
+    fn keep(&self, file: &Slot) {
         let closed = {
             let mut open = locked(&self.open);
             open.push_back(Arc::clone(file));
@@ -47,7 +48,7 @@ pub(crate) struct FileOnDemand {
     identity: Identity,
     /// Where the file is if it is no longer at its path.
     moved: Option<PathBuf>,
-    file: OpenFile,
+    file: Slot,
 }
 
 impl FileOnDemand {
@@ -65,9 +66,9 @@ impl FileOnDemand {
         }
         let file = Arc::new(self.reopen(path)?);
         let is_first = {
-            let mut kept = locked(&self.file);
-            let is_first = kept.is_none();
-            kept.get_or_insert_with(|| Arc::clone(&file));
+            let mut slot = locked(&self.file);
+            let is_first = slot.is_none();
+            slot.get_or_insert_with(|| Arc::clone(&file));
             is_first
         };
         // Otherwise another thread has opened it meanwhile.

@@ -110,7 +110,7 @@ pub fn describe(workers: usize, window: Option<usize>, read: &[PathBuf], git: Op
         git,
         os: std::env::consts::OS,
         architecture: std::env::consts::ARCH,
-        cores: cores() as u64,
+        cores: depthloom_threads::core_count() as u64,
         simd: simd(),
         networks: onnx::in_use().map(networks),
         reads: reads(read),
@@ -226,11 +226,6 @@ impl From<&onnx::Engine> for Engine {
 /// The names of providers.
 pub fn names(providers: &[Provider]) -> Vec<String> {
     providers.iter().map(|provider| provider.name().to_owned()).collect()
-}
-
-/// The number of threads that can run at once on this machine.
-pub fn cores() -> usize {
-    std::thread::available_parallelism().map_or(1, std::num::NonZero::get)
 }
 
 /// The instruction sets that kernels choose from on this machine.

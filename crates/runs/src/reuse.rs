@@ -153,6 +153,9 @@ pub struct ReusedNode {
     of: u64,
 }
 
+/// How many earlier runs a line names.
+const NAMED: usize = 5;
+
 /// What a run reused of earlier runs, for all its nodes.
 pub struct ReuseCounts {
     /// By stage run and node: how often its values were reused, of how many times.
@@ -187,10 +190,14 @@ impl ReuseCounts {
         if !part.is_empty() {
             text.push_str(&format!(", and some frames of {}", counted(part.len(), "node")));
         }
-        let from: Vec<String> =
-            self.from.iter().map(|path| path.parent().unwrap_or(path).display().to_string()).collect();
-        if !from.is_empty() {
-            text.push_str(&format!(" (from {}; --fresh recomputes all)", from.join(", ")));
+        let from = self.from.iter().map(|path| path.parent().unwrap_or(path).display().to_string());
+        // A run that was divided has hundreds.
+        let mut named: Vec<String> = from.take(NAMED).collect();
+        if self.from.len() > named.len() {
+            named.push(format!("{} more", self.from.len() - named.len()));
+        }
+        if !named.is_empty() {
+            text.push_str(&format!(" (from {}; --fresh recomputes all)", named.join(", ")));
         }
         Some(text)
     }

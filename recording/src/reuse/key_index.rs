@@ -48,7 +48,7 @@ struct StoredPlace {
     position: u32,
     /// [`NONE`] for the values of a source.
     node: u32,
-    /// The index of the place of the same key in a later recording; [`NONE`] if there is none.
+    /// The index of the place of the same key in a later recording, or [`NONE`].
     next: u32,
 }
 

@@ -80,7 +80,7 @@ fn a_recording_whose_run_finishes_meanwhile_is_read_in_its_new_folder() {
     record(&run.join("recording.mcap"), &plan(), 1000..1001, 4, 2);
     let mut paths = vec![run.join("recording.mcap")];
     paths.extend(recordings(folder.path()));
-    // The first file is closed, because so many others were opened after it.
+    // The first file is closed: 300 others were opened after it.
     let store = EarlierRuns::new(&paths, &plan());
     for index in 0..=RECORDINGS {
         assert!(store.find(&key(&frame(index as u64), NODE)).is_some());

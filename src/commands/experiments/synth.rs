@@ -7,9 +7,8 @@ use depthloom_graphs::contracts::FrameSelection;
 use depthloom_graphs::{Fault, Host, counted};
 use depthloom_nodes::sources::SyntheticRoadParams;
 use depthloom_runner::Interrupt;
-use depthloom_runs::environment;
 use depthloom_terminal::{CliError, ExitCode, is_refused, print_path};
-use depthloom_threads::Budget;
+use depthloom_threads::{Budget, core_count};
 use indicatif::ProgressBar;
 
 use crate::args::SynthArgs;
@@ -26,7 +25,7 @@ pub(crate) fn synth(args: &SynthArgs) -> Result<ExitCode, CliError> {
     };
     let bar = bar(args.quiet, u64::from(args.frames), "{bar:30} {pos}/{len} frames  {eta} left");
     let (budget, interrupt) =
-        (Budget::new(environment::cores()), signals::listen("stopping: started frames are finished")?);
+        (Budget::new(core_count()), signals::listen("stopping: started frames are finished")?);
     let _own = budget.permit();
     let renderer = Renderer { bar: &bar, interrupt, budget: &budget, has_begun: AtomicBool::new(false) };
     let frames = kitti_layout::write(&args.out, &params, &renderer).map_err(|fault| {

@@ -6,7 +6,7 @@ use std::path::Path;
 
 use depthloom_codecs::files::Colours;
 use depthloom_recording::{Condition, Recording};
-use depthloom_runs::{environment, open};
+use depthloom_runs::open;
 use schemars::JsonSchema;
 use serde::Serialize;
 
@@ -51,7 +51,7 @@ pub(crate) fn export(args: &ExportArgs) -> Result<ExitCode, CliError> {
 
     let bar = bar(args.quiet || args.output.json, maps.work(), "{bar:30} {pos}/{len}  {eta} left");
     let stop = || interrupt.stops_admission();
-    let mut damaged = maps.write(&folder, environment::cores(), &stop, &|| bar.inc(1))?;
+    let mut damaged = maps.write(&folder, depthloom_threads::core_count(), &stop, &|| bar.inc(1))?;
     bar.finish_and_clear();
     let mut exported: Vec<Exported> = maps.exported().collect();
     for (chosen, format) in files().take_while(|_| !stop()) {

@@ -6,6 +6,7 @@ use depthloom_graphs::Fault;
 use depthloom_nodes::onnx;
 use depthloom_runs::environment::{self, Engine};
 use depthloom_terminal::{CliError, ExitCode, print};
+use depthloom_threads::SLURM_VARIABLE;
 use schemars::JsonSchema;
 use serde::Serialize;
 
@@ -19,7 +20,10 @@ const DATA_ROOTS: [(&str, &str); 1] = [("KITTI_STEREO_2015", "training/image_2")
 pub(crate) struct Doctor {
     /// The version of the program.
     depthloom: String,
+    /// The cores that a process may use here: the default for every number of threads.
     cores: u64,
+    /// What limits `cores`: `SLURM_CPUS_PER_TASK`, or `system` (machine, affinity and quota of the process).
+    cores_from: String,
     simd: Vec<String>,
     networks: Option<Engine>,
     data: Vec<DataRoot>,
@@ -41,6 +45,8 @@ pub(crate) fn doctor(as_json: bool) -> Result<ExitCode, CliError> {
         let there = root.as_ref().is_some_and(|root| root.join(landmark).is_dir());
         (variable, root, there, landmark)
     });
+    let cores = depthloom_threads::cores();
+    let is_limited = cores.number < cores.system;
     if as_json {
         let data = roots.iter().map(|(variable, root, there, _)| DataRoot {
             variable: (*variable).to_owned(),
@@ -49,7 +55,8 @@ pub(crate) fn doctor(as_json: bool) -> Result<ExitCode, CliError> {
         });
         output::print(&Doctor {
             depthloom: env!("CARGO_PKG_VERSION").to_owned(),
-            cores: environment::cores() as u64,
+            cores: cores.number as u64,
+            cores_from: if is_limited { SLURM_VARIABLE.to_owned() } else { "system".to_owned() },
             simd: environment::simd().into_iter().map(ToOwned::to_owned).collect(),
             networks: engine.as_ref().ok().map(|&found| Engine::found(found, looked_at())),
             data: data.collect(),
@@ -58,7 +65,12 @@ pub(crate) fn doctor(as_json: bool) -> Result<ExitCode, CliError> {
     }
     let simd = environment::simd();
     let mut text = format!("depthloom     {}\n", env!("CARGO_PKG_VERSION"));
-    text += &format!("cores         {}\n", environment::cores());
+    text += &match is_limited {
+        true => format!("cores         {} (by {SLURM_VARIABLE}; {} without it)\n", cores.number, cores.system),
+        false => {
+            format!("cores         {} (by the machine, the affinity and the quota of this process)\n", cores.number)
+        }
+    };
     text += &format!("SIMD          {}\n", if simd.is_empty() { "none used".to_owned() } else { simd.join(", ") });
     text += &networks(&engine);
     for (variable, root, there, landmark) in &roots {

@@ -14,7 +14,7 @@ use depthloom_test_needs::Slurm;
 
 use super::succeed;
 
-/// The CPUs of the node, however many the machine has: this number of tasks of one CPU runs at once.
+/// The CPUs of the node, on every machine: eight tasks of one CPU run at once, also on two cores.
 pub(crate) const CPUS: usize = 8;
 
 /// Longest wait, on a loaded machine.

@@ -8,11 +8,9 @@
 use std::collections::{BTreeMap, BTreeSet};
 use std::fs::File;
 use std::io::{self, Read, Seek as _, SeekFrom, Write};
-use std::num::NonZero;
 use std::ops::Range;
 use std::path::Path;
 use std::sync::Mutex;
-use std::thread;
 
 use base64::Engine as _;
 use base64::prelude::BASE64_STANDARD;
@@ -21,7 +19,7 @@ use depthloom_graphs::plan::{FrameIndex, RunId};
 use depthloom_graphs::values::{Image, Pixels};
 use depthloom_recording::Recording;
 use depthloom_scores::Settings;
-use depthloom_threads::{Budget, Tiles as _, caught, into_unlocked, locked};
+use depthloom_threads::{Budget, Tiles as _, caught, core_count, into_unlocked, locked};
 use image::ExtendedColorType;
 use image::codecs::jpeg::JpegEncoder;
 use serde_json::{Value as Json, json};
@@ -246,7 +244,7 @@ impl Pictures {
         let file = tempfile::tempfile_in(output.folder).map_err(PageError::write(&path))?;
         let mut pictures =
             Self { size, places: Vec::new(), file, there: Vec::new(), colour_ranges: Vec::new(), damaged: 0 };
-        let threads = thread::available_parallelism().map_or(1, NonZero::get);
+        let threads = core_count();
         let mut end = 0;
         for of in series {
             let mut places = Vec::with_capacity(of.positions.len());
