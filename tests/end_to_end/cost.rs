@@ -39,9 +39,10 @@ stages:
     source: train
     nodes:
       stereo: { kind: stereo/sgbm, with: { disparities: 32 }, inputs: { left: source/left, right: source/right } }
+      edges: { kind: confidence/edges, inputs: { image: source/left } }
       samples:
         kind: learn/samples
-        inputs: { image: source/left, target: stereo/disparity, calibration: source/calibration }
+        inputs: { image: source/left, target: stereo/disparity, mask: edges/mask, calibration: source/calibration }
         with: { size: [64, 32] }
       train: { kind: learn/ssl, inputs: { samples: samples/samples }, with: { steps: 3, batch: 2 } }
   compare:
@@ -161,8 +162,10 @@ fn variants_workers_and_bandwidth_change_a_prediction() {
     let changed = predict(here, &["costs.yaml", "--set", "compare.stereo.with.block=9"]);
     let by_kind = changed["by_kind"].as_array().expect("a list");
     assert!(by_kind.contains(&"compare.stereo (stereo/sgbm)".into()), "{by_kind:?}");
-    let median = "compare.nodes.smooth={kind: filter/median, inputs: {depth: depth/depth}}";
-    let added = predict(here, &["costs.yaml", "--set", median]);
+    let median = "      smooth: { kind: filter/median, inputs: { depth: depth/depth } }\n    score:";
+    let text = EXPERIMENT.replace("0..20", "0..2").replace("    score:", median);
+    fs::write(here.join("added.yaml"), text).expect("written");
+    let added = predict(here, &["added.yaml"]);
     assert_eq!(added["not_included"], serde_json::json!(["compare.smooth (filter/median)"]));
 
     // Another size is another cost.

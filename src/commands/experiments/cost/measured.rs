@@ -8,7 +8,7 @@ use depthloom_graphs::contracts::Slot;
 use depthloom_graphs::plan::{NodeId, RunId, VariantId};
 use depthloom_recording::{RecordedContent, RecordedNode, RecordedOutput, RecordedPlan, Recording, TopicSize};
 use depthloom_runs::environment::{self, Work};
-use depthloom_runs::{MODELS, RECORDING, TIMINGS, files_in, open, read_failed};
+use depthloom_runs::{RECORDING, TIMINGS, files_in, open, read_failed};
 use depthloom_terminal::{CliError, ExitCode};
 
 /// The beginning of the names of files with one row per frame.
@@ -205,8 +205,6 @@ pub(crate) fn measured(folder: &Path) -> Result<Costs, CliError> {
             RECORDING => {}
             PAGE => costs.page_bytes = file.bytes,
             name if FRAME_FILES.iter().any(|start| name.starts_with(start)) => costs.frame_file_bytes += file.bytes,
-            // Trained networks are in the recording, too.
-            name if name.starts_with(MODELS) => costs.constant_bytes += file.bytes,
             _ => costs.constant_bytes += file.bytes,
         }
     }
