@@ -112,7 +112,12 @@ fn every_json_output_matches_its_schema() {
     let mut check = |name: &str, code: i32, arguments: &[&str]| checked_output(&mut seen, here, name, code, arguments);
 
     check("doctor", 0, &["doctor", "--json"]);
-    succeed(depthloom().env_remove("DEPTHLOOM_FRESH").current_dir(here).args(["submit", "outputs.yaml", "--to", "script"]));
+    succeed(depthloom().env_remove("DEPTHLOOM_FRESH").current_dir(here).args([
+        "submit",
+        "outputs.yaml",
+        "--to",
+        "script",
+    ]));
     check("jobs", 0, &["jobs", "--json"]);
     check("nodes", 0, &["nodes", "--json"]);
     let network = workspace().join("tests/fixtures/networks/shifts.onnx");

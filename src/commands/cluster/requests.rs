@@ -35,7 +35,10 @@ pub(super) fn requests(
     let costs = measured(run)?;
     if !costs.stages.iter().flat_map(|stage| &stage.nodes).any(NodeCosts::is_measured) {
         let what = format!("--from {}: it reused all its values, so nothing was measured", run.display());
-        return Err(CliError::usage(what, "name a run that computed its values, e.g. one with `run --fresh` of a few frames"));
+        return Err(CliError::usage(
+            what,
+            "name a run that computed its values, e.g. one with `run --fresh` of a few frames",
+        ));
     }
     let request = |step: &Step| request(&costs, plan, frames, step, f64::from(workers));
     Ok(steps.iter().map(request).collect())

@@ -24,8 +24,7 @@ pub(crate) fn synth(args: &SynthArgs) -> Result<ExitCode, CliError> {
         ..SyntheticRoadParams::default()
     };
     let bar = bar(args.quiet, u64::from(args.frames), "{bar:30} {pos}/{len} frames  {eta} left");
-    let (budget, interrupt) =
-        (Budget::new(core_count()), signals::listen("stopping: started frames are finished")?);
+    let (budget, interrupt) = (Budget::new(core_count()), signals::listen("stopping: started frames are finished")?);
     let _own = budget.permit();
     let renderer = Renderer { bar: &bar, interrupt, budget: &budget, has_begun: AtomicBool::new(false) };
     let frames = kitti_layout::write(&args.out, &params, &renderer).map_err(|fault| {
