@@ -401,8 +401,10 @@ fn every_command_has_a_valid_manual_page() {
     let folder = tempfile::tempdir().expect("a folder");
     succeed(depthloom().args(["man", "--out"]).arg(folder.path()));
     let mut pages = vec![folder.path().join("depthloom.1")];
-    let below_runs = commands_of(&["runs"]).into_iter().map(|command| format!("runs {command}"));
-    for command in commands_of(&[]).into_iter().chain(below_runs).filter(|name| *name != "help") {
+    let below = |parent: &str| -> Vec<String> {
+        commands_of(&[parent]).into_iter().map(|command| format!("{parent} {command}")).collect()
+    };
+    for command in commands_of(&[]).into_iter().chain(below("runs")).chain(below("jobs")).filter(|name| *name != "help") {
         let page = folder.path().join(format!("depthloom-{}.1", command.replace(' ', "-")));
         let printed = text(&succeed(depthloom().args(["man", &command])));
         assert_eq!(std::fs::read_to_string(&page).expect("a page"), printed, "{command}");
@@ -429,8 +431,10 @@ fn every_command_has_a_valid_manual_page() {
 fn help_has_examples_and_links_and_errors_suggest_a_command() {
     let commands = commands_of(&[]);
     assert!(commands.len() > 20, "{commands:?}");
-    let of_runs = commands_of(&["runs"]).into_iter().map(|command| vec!["runs".to_owned(), command]);
-    for command in commands.into_iter().map(|command| vec![command]).chain(of_runs) {
+    let below = |parent: &str| -> Vec<Vec<String>> {
+        commands_of(&[parent]).into_iter().map(|command| vec![parent.to_owned(), command]).collect()
+    };
+    for command in commands.into_iter().map(|command| vec![command]).chain(below("runs")).chain(below("jobs")) {
         let help = text(&succeed(depthloom().args(&command).arg("--help")));
         for part in ["\nExamples:\n  depthloom ", "\nGuide: https://", "\nExit codes: https://"] {
             assert!(help.contains(part), "{command:?}: {help}");
