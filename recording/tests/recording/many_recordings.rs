@@ -33,7 +33,7 @@ fn recordings(folder: &Path) -> Vec<PathBuf> {
 
 #[cfg(target_os = "linux")]
 fn open_files(folder: &Path) -> usize {
-    let all = std::fs::read_dir("/proc/self/fd").expect("a folder").flatten();
+    let all = std::fs::read_dir("/proc/self/fd").expect("a Linux").flatten();
     all.filter(|file| std::fs::read_link(file.path()).is_ok_and(|path| path.starts_with(folder))).count()
 }
 
