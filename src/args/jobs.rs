@@ -58,8 +58,8 @@ pub(crate) struct SubmitArgs {
 
     /// Request time and memory from the measurements of this run (default: request nothing).
     ///
-    /// It is an earlier run of the experiment, for example of a few frames. Three times the predicted time and 1.5 times
-    /// the memory are requested. `--time` and `--mem` after `--` take precedence.
+    /// It is an earlier run of the experiment, for example of a few frames. Three times the predicted time and 1.5
+    /// times the memory are requested. `--time` and `--mem` after `--` take precedence.
     #[arg(long, value_name = "RUN", add = ArgValueCompleter::new(runs))]
     pub from: Option<PathBuf>,
 
@@ -74,7 +74,9 @@ pub(crate) struct SubmitArgs {
     #[arg(long, short, value_name = "DIR", add = ArgValueCompleter::new(folders()))]
     pub out: Option<PathBuf>,
 
-    /// Continue after a frame failed; see `run`.
+    /// Continue after a frame failed.
+    ///
+    /// What depends on the frame is left out, as with `run`. The jobs of failed frames count as finished.
     #[arg(long)]
     pub keep_going: bool,
 

@@ -11,10 +11,10 @@ pub(crate) mod submit;
 
 use std::path::{Path, PathBuf};
 
-use depthloom_graphs::Registry;
-use depthloom_jobs::{JOBS, Submission};
+use depthloom_graphs::{Registry, counted};
+use depthloom_jobs::{JOBS, Submission, slurm};
 use depthloom_runs::SHARDS;
-use depthloom_terminal::{CliError, ExitCode};
+use depthloom_terminal::{CliError, ExitCode, say};
 
 use crate::args::{JobsArgs, JobsCommand};
 
@@ -36,9 +36,9 @@ pub(crate) struct SubmissionFolder {
 }
 
 impl SubmissionFolder {
-    /// How the user names it.
-    pub(crate) fn name(&self) -> &str {
-        &self.submission.experiment
+    /// How commands name it: its folder, because an experiment can have several submissions.
+    pub(crate) fn name(&self) -> String {
+        name_of(&self.folder)
     }
 }
 
@@ -56,12 +56,24 @@ fn find(runs: &Path, name: Option<&Path>) -> Result<SubmissionFolder, CliError> 
             experiments.flat_map(|path| inner(path.join(SHARDS))).filter(|path| path.join(JOBS).is_file()).collect()
         }
     };
-    let mut found = Vec::new();
+    let (mut found, mut unreadable) = (Vec::new(), None);
     for folder in folders {
-        found.push(SubmissionFolder { submission: Submission::read(&folder)?, folder });
+        match Submission::read(&folder) {
+            Ok(submission) => found.push(SubmissionFolder { folder, submission }),
+            Err(stop) => unreadable = Some(stop),
+        }
     }
-    let newest = found.into_iter().max_by(|a, b| a.submission.submitted_utc.cmp(&b.submission.submitted_utc));
+    found.sort_by(|a, b| a.submission.submitted_utc.cmp(&b.submission.submitted_utc));
+    let newest = found.pop();
+    if newest.is_some() && !found.is_empty() {
+        let others: Vec<String> = found.iter().rev().take(MOST_LISTED).map(SubmissionFolder::name).collect();
+        let count = counted(found.len() as u64, "earlier submission");
+        say(format_args!("note: there are {count} with other plans: {}", others.join(", ")));
+    }
     newest.ok_or_else(|| {
+        if let Some(stop) = unreadable {
+            return stop;
+        }
         let what = match name {
             Some(name) => format!("`{}` has no submitted jobs in {}", name.display(), runs.display()),
             None => format!("nothing was submitted in {}", runs.display()),
@@ -69,6 +81,16 @@ fn find(runs: &Path, name: Option<&Path>) -> Result<SubmissionFolder, CliError> 
         let remedy = "name an experiment as its file does (`experiment: NAME`); `depthloom submit FILE` submits one";
         CliError::usage(what, remedy)
     })
+}
+
+/// The most submissions that a note lists.
+const MOST_LISTED: usize = 4;
+
+/// The folder of a submission as a word for a command in the working directory.
+pub(crate) fn name_of(folder: &Path) -> String {
+    let here = std::env::current_dir().unwrap_or_default();
+    let folder = folder.strip_prefix(&here).unwrap_or(folder);
+    slurm::shell_quoted(&folder.display().to_string())
 }
 
 /// An absolute path without symbolic links, as jobs on other machines use it.

@@ -25,6 +25,16 @@ impl EarlyEnd {
         self.why.also(format!("{count} can be read from {partial}: `depthloom inspect {partial}`"))
     }
 
+    /// As [`EarlyEnd::stop`], of a shard, whose folder the same command finds again.
+    pub(super) fn stop_shard(self, folder: RunFolder) -> CliError {
+        if self.is_suspect || self.frames == 0 && outdated_files(&folder.partial).is_empty() {
+            folder.discard();
+            return self.why;
+        }
+        let count = counted(self.frames, "frame");
+        self.why.also(format!("{count} of the shard are stored; when it is started again, it resumes after them"))
+    }
+
     /// Adds what was kept and how to resume. The folder of a run that wrote no frame is removed.
     pub(super) fn stop(self, folder: RunFolder, is_remote: bool) -> CliError {
         let mut stop = self.why;

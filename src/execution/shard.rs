@@ -89,7 +89,7 @@ pub(crate) fn compute(
     let recorded = record(ready, &plan, args, &options, target, resumable, interrupt, &|| false);
     let Recorded { failed, checkpoints, .. } = match recorded {
         Ok(recorded) => recorded,
-        Err(ended) => return Err(ended.stop(run_folder, false)),
+        Err(ended) => return Err(ended.stop_shard(run_folder)),
     };
     let environment = environment::describe(options.workers, options.window, &read, git);
     run_folder.write(ENVIRONMENT, &environment.text())?;
@@ -100,7 +100,7 @@ pub(crate) fn compute(
 
 /// What came of a shard.
 pub(crate) struct Computed {
-    /// Those that failed.
+    /// Frames that failed.
     pub(crate) failed: u64,
     pub(crate) out: PathBuf,
 }

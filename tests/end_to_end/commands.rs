@@ -404,7 +404,8 @@ fn every_command_has_a_valid_manual_page() {
     let below = |parent: &str| -> Vec<String> {
         commands_of(&[parent]).into_iter().map(|command| format!("{parent} {command}")).collect()
     };
-    for command in commands_of(&[]).into_iter().chain(below("runs")).chain(below("jobs")).filter(|name| *name != "help") {
+    for command in commands_of(&[]).into_iter().chain(below("runs")).chain(below("jobs")).filter(|name| *name != "help")
+    {
         let page = folder.path().join(format!("depthloom-{}.1", command.replace(' ', "-")));
         let printed = text(&succeed(depthloom().args(["man", &command])));
         assert_eq!(std::fs::read_to_string(&page).expect("a page"), printed, "{command}");

@@ -1,6 +1,6 @@
 //! The folder of a plan's shards.
 
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 use std::path::{Path, PathBuf};
 
 use depthloom_graphs::Key;
@@ -9,6 +9,7 @@ use depthloom_runs::run_folder::PathState;
 use depthloom_runs::{RECORDING, SHARDS};
 
 use crate::shard::Fraction;
+use crate::submission::JOBS;
 
 /// The folder of a plan's shards: `<runs>/<experiment>/shards/<plan>`. Each shard is a folder in it, as that of a run.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -23,8 +24,8 @@ pub struct MissingShard {
     pub name: String,
     /// Which block.
     pub part: Fraction,
-    /// What is wrong with it; `None` if it is not there.
-    pub damage: Option<String>,
+    /// What is wrong with it.
+    pub damage: String,
 }
 
 impl ShardFolder {
@@ -53,34 +54,41 @@ impl ShardFolder {
         self.path.join(name)
     }
 
-    /// Shards that are not complete although others of the same split are. With `bytes`, every byte of their recordings
-    /// is checked.
+    /// Whether there is a shard of `run --shard`, or a submission.
+    #[must_use]
+    pub fn has_shards(&self) -> bool {
+        let names = std::fs::read_dir(&self.path).into_iter().flatten().flatten().map(|entry| entry.file_name());
+        names.into_iter().any(|name| name == JOBS || name.to_str().is_some_and(|name| parsed(name).is_some()))
+    }
+
+    /// The shards that are missing or damaged of the split, by `run --shard`, of which the most are there. Empty if a
+    /// split is complete, or if there are no shards. With `bytes`, every byte of their recordings is checked.
     #[must_use]
     pub fn missing(&self, bytes: bool) -> Vec<MissingShard> {
-        let entries = std::fs::read_dir(&self.path).into_iter().flatten().flatten();
-        let names = entries.map(|entry| entry.file_name().to_string_lossy().into_owned());
-        // By the name of the split, `frames` or `1-frames`, and the number of its shards.
-        let mut splits: BTreeMap<(String, usize), Vec<bool>> = BTreeMap::new();
-        for name in names {
-            let is_complete = !name.ends_with(depthloom_durable::PARTIAL);
-            let name = name.strip_suffix(depthloom_durable::PARTIAL).map_or(&*name, |name| name.trim_end_matches('.'));
-            if let Some((split, part)) = parsed(name) {
-                let found = splits.entry((split, part.count())).or_insert_with(|| vec![false; part.count()]);
-                found[part.number() - 1] |= is_complete;
+        let mut splits: BTreeMap<(String, usize), BTreeSet<usize>> = BTreeMap::new();
+        for entry in std::fs::read_dir(&self.path).into_iter().flatten().flatten() {
+            let name = entry.file_name();
+            if let Some((split, part)) = name.to_str().and_then(parsed)
+                && entry.file_type().is_ok_and(|file_type| file_type.is_dir())
+            {
+                splits.entry((split, part.count())).or_default().insert(part.number());
             }
         }
-        let mut missing = Vec::new();
-        for ((split, count), found) in splits {
-            for (index, is_there) in found.into_iter().enumerate() {
-                let Some(part) = Fraction::new(index + 1, count) else { continue };
-                let name = format!("{split}-{}-of-{count}", part.number());
-                let damage = if is_there { damage(&self.shard(&name), bytes) } else { None };
-                if !is_there || damage.is_some() {
-                    missing.push(MissingShard { name, part, damage });
-                }
+        let mut best: Option<Vec<MissingShard>> = None;
+        for ((split, count), _) in splits {
+            let missing = |number: usize| {
+                let name = format!("{split}-{number}-of-{count}");
+                let damage = damage(&self.shard(&name), bytes)?;
+                Some(MissingShard { name, part: Fraction::new(number, count)?, damage })
+            };
+            let missing: Vec<MissingShard> = (1..=count).filter_map(missing).collect();
+            let share =
+                |missing: &[MissingShard]| missing.first().map_or(0, |first| 1000 * missing.len() / first.part.count());
+            if best.as_ref().is_none_or(|best| share(&missing) < share(best)) {
+                best = Some(missing);
             }
         }
-        missing
+        best.unwrap_or_default()
     }
 }
 
@@ -100,11 +108,12 @@ pub fn damage(shard: &Path, bytes: bool) -> Option<String> {
     }
 }
 
-/// `1-frames-2-of-4`: the name of the split, and which block.
+/// `frames-2-of-4`: the name of the split, and which block. Shards of submissions have other names.
 fn parsed(name: &str) -> Option<(String, Fraction)> {
     let (rest, count) = name.rsplit_once("-of-")?;
     let (split, number) = rest.rsplit_once('-')?;
-    Some((split.to_owned(), Fraction::new(number.parse().ok()?, count.parse().ok()?)?))
+    let is_split = ["frames", "variants"].contains(&split);
+    is_split.then_some((split.to_owned(), Fraction::new(number.parse().ok()?, count.parse().ok()?)?))
 }
 
 #[cfg(test)]
@@ -120,8 +129,9 @@ mod tests {
     fn shards_are_recognised_by_their_names() {
         let part = Fraction::new(2, 4).unwrap();
         assert_eq!(parsed("frames-2-of-4"), Some(("frames".to_owned(), part)));
-        assert_eq!(parsed("1-frames-2-of-4"), Some(("1-frames".to_owned(), part)));
-        for name in ["jobs.json", "frames-5-of-4", "learn.train", "frames-of-4"] {
+        for name in
+            ["jobs.json", "1-frames-2-of-4", "frames-2-of-4.partial", "frames-5-of-4", "learn.train", "frames-of-4"]
+        {
             assert_eq!(parsed(name), None, "{name}");
         }
     }

@@ -53,6 +53,9 @@ pub struct JobProgress {
     pub process: u32,
     /// When it started: UTC.
     pub started_utc: String,
+    /// Its exit code, once it has ended.
+    #[serde(default)]
+    pub exit_code: i32,
     /// How often it was started.
     pub starts: u32,
 }
@@ -90,9 +93,9 @@ impl ProgressFile {
     }
 
     /// States how the job ended.
-    pub fn end(&self, ending: JobEnd, message: &str) {
+    pub fn end(&self, ending: JobEnd, exit_code: i32, message: &str) {
         self.change(true, |progress| {
-            progress.ending = ending;
+            (progress.ending, progress.exit_code) = (ending, exit_code);
             message.clone_into(&mut progress.message);
         });
     }

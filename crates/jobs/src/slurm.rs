@@ -132,7 +132,7 @@ pub fn submit(
 ) -> Result<Vec<SlurmArray>, CliError> {
     let mut arrays = Vec::new();
     for some in chunks(jobs, array_size) {
-        let (first, arguments) = sbatch_arguments(submission, folder, step, &some, after);
+        let (first, arguments) = sbatch_arguments(submission, folder, step, &some, after, array_size);
         let text = slurm("sbatch", &arguments)?;
         // `123`, or `123;cluster`.
         let id = text.trim().split(';').next().and_then(|id| id.parse().ok()).ok_or_else(|| {
@@ -152,30 +152,57 @@ pub fn sbatch_arguments(
     step: usize,
     jobs: &[usize],
     after: &[String],
+    array_size: usize,
 ) -> (usize, Vec<String>) {
-    let first = jobs.first().copied().unwrap_or_default();
+    let first = first_of(jobs, array_size);
     let indexes: Vec<usize> = jobs.iter().map(|job| job - first).collect();
     let mut arguments = vec!["--parsable".to_owned(), format!("--array={}", ranges(&indexes))];
-    arguments.push(format!("--export=ALL,{FIRST}={first}"));
-    if !after.is_empty() {
-        arguments.push(format!("--dependency=afterok:{}", after.join(":")));
+    if first > 0 {
+        let log = folder.join(LOGS).join(format!("{}-{first}+%a.log", step + 1));
+        arguments.push(format!("--output={}", log.display()));
+    }
+    let of_user = submission.options.iter().find_map(|option| option.strip_prefix(DEPENDENCY));
+    let own = (!after.is_empty()).then(|| format!("afterok:{}", after.join(":")));
+    // What the user waits for, the first step waits for, and so do those after it.
+    if let Some(dependency) = own.or(of_user.map(str::to_owned)) {
+        arguments.push(format!("{DEPENDENCY}{dependency}"));
         arguments.push("--kill-on-invalid-dep=yes".to_owned());
     }
-    arguments.extend(submission.options.iter().cloned());
+    arguments.extend(submission.options.iter().filter(|option| !option.starts_with(DEPENDENCY)).cloned());
     arguments.push(script_path(folder, step).display().to_string());
+    arguments.extend(["array".to_owned(), first.to_string()]);
     (first, arguments)
 }
 
-/// The environment variable with the job of index 0.
-const FIRST: &str = "DEPTHLOOM_FIRST_JOB";
+/// The option of `sbatch` that steps and users share.
+const DEPENDENCY: &str = "--dependency=";
 
-/// Divides jobs into arrays whose indexes Slurm accepts.
+/// The options of `sbatch` that a submission sets itself.
+const OWN_OPTIONS: [&str; 8] = ["--array", "-a", "--output", "-o", "--chdir", "-D", "--wrap", "--parsable"];
+
+/// Why options cannot be passed to `sbatch`; `None` if they can.
+#[must_use]
+pub fn refused_option(options: &[String]) -> Option<String> {
+    let name = |option: &str| option.split('=').next().unwrap_or_default().to_owned();
+    if let Some(option) = options.iter().find(|option| OWN_OPTIONS.contains(&name(option).as_str())) {
+        return Some(format!("`{option}` is set by depthloom for every step"));
+    }
+    let unjoined = options.iter().find(|option| ["-d", "--dependency"].contains(&option.as_str()));
+    unjoined.map(|option| format!("`{option}`: write `{DEPENDENCY}...` as one word"))
+}
+
+/// The job with index 0 of an array: 0 where Slurm accepts the numbers of the jobs as indexes.
+fn first_of(jobs: &[usize], array_size: usize) -> usize {
+    jobs.first().map_or(0, |job| job / array_size.max(1) * array_size)
+}
+
+/// Divides jobs into arrays whose indexes Slurm accepts: those below the limit, then as many, and so on.
 fn chunks(jobs: &[usize], array_size: usize) -> Vec<Vec<usize>> {
     let mut chunks: Vec<Vec<usize>> = Vec::new();
     let mut length = 0;
     for &job in jobs {
         match chunks.last_mut() {
-            Some(last) if job - last[0] < array_size && length < INDEXES_LENGTH => last.push(job),
+            Some(last) if job / array_size == last[0] / array_size && length < INDEXES_LENGTH => last.push(job),
             _ => {
                 chunks.push(vec![job]);
                 length = 0;
@@ -264,15 +291,19 @@ pub fn script(submission: &Submission, folder: &Path, step: usize, command: &Job
     let _ = write!(
         text,
         "
-# The job of the step: the index of Slurm, PBS, LSF or Grid Engine, or the argument of this script; counted from 0.
+# The job of the step: the index of Slurm, PBS, LSF or Grid Engine, or the argument of this script; counted
+# from 0. A second argument is added to it.
 index=${{SLURM_ARRAY_TASK_ID:-${{PBS_ARRAY_INDEX:-${{1:-}}}}}}
 if [ -z \"$index\" ]; then
   # Arrays of LSF and Grid Engine count from 1.
-  index=$(( ${{LSB_JOBINDEX:-${{SGE_TASK_ID:-1}}}} - 1 ))
+  number=${{LSB_JOBINDEX:-${{SGE_TASK_ID:-}}}}
+  [ -n \"$number\" ] || {{ echo \"usage: $0 JOB, from 0 to {}\" >&2; exit 2; }}
+  index=$(( number - 1 ))
 fi
 cd {} || exit 1
-{}exec {command} --step {} --job $(( index + ${{{FIRST}:-0}} ))
+{}exec {command} --step {} --job $(( index + ${{2:-0}} ))
 ",
+        submission.steps[step].jobs() - 1,
         shell_quoted(&submission.directory.display().to_string()),
         setup.iter().map(|line| format!("{line}\n")).collect::<String>(),
         step + 1
@@ -316,7 +347,7 @@ impl SlurmArray {
 
 #[cfg(test)]
 mod tests {
-    use super::{SlurmArray, chunks, parsed_states, ranges, shell_quoted};
+    use super::{SlurmArray, chunks, first_of, parsed_states, ranges, shell_quoted};
 
     #[test]
     fn indexes_are_written_as_ranges() {
@@ -328,10 +359,11 @@ mod tests {
     fn arrays_stay_within_the_largest_index() {
         assert_eq!(chunks(&[0, 1, 2, 3, 4], 2), [vec![0, 1], vec![2, 3], vec![4]]);
         assert_eq!(chunks(&[3, 900, 1100], 1001), [vec![3, 900], vec![1100]]);
+        assert_eq!([first_of(&[3, 900], 1001), first_of(&[1100], 1001)], [0, 1001]);
         let many: Vec<usize> = (0..5000).collect();
         let arrays = chunks(&many, 1001);
         assert_eq!(arrays.iter().flatten().copied().collect::<Vec<_>>(), many);
-        assert!(arrays.iter().all(|array| array[array.len() - 1] - array[0] < 1001));
+        assert!(arrays.iter().all(|array| array[array.len() - 1] - first_of(array, 1001) < 1001));
     }
 
     #[test]

@@ -7,7 +7,7 @@ use depthloom_runs::RECORDING;
 use depthloom_runs::run_folder::is_held;
 use depthloom_terminal::CliError;
 
-use crate::progress::{JobEnd, JobProgress};
+use crate::progress::{JobEnd, JobProgress, host};
 use crate::slurm::{TaskState, task_states};
 use crate::submission::{JobId, Scheduler, Submission};
 
@@ -69,7 +69,9 @@ impl JobState {
 /// # Errors
 /// If Slurm cannot be asked.
 pub fn states(submission: &Submission, folder: &Path) -> Result<BTreeMap<JobId, JobState>, CliError> {
-    let known = task_states(&submission.slurm)?;
+    // Slurm is not asked about what is complete: it may not be there any more.
+    let is_complete = submission.jobs().all(|job| submission.result(folder, job).join(RECORDING).is_file());
+    let known = if is_complete { BTreeMap::new() } else { task_states(&submission.slurm)? };
     // Of a job that was submitted again, the last task counts.
     let mut tasks = BTreeMap::new();
     for array in &submission.slurm {
@@ -83,10 +85,13 @@ pub fn states(submission: &Submission, folder: &Path) -> Result<BTreeMap<JobId, 
 
 fn state(submission: &Submission, folder: &Path, job: JobId, task: Option<&TaskState>) -> JobState {
     let result = submission.result(folder, job);
-    if result.join(RECORDING).is_file() {
+    let progress = JobProgress::read(folder, job);
+    // The folder of a shard belongs to its job alone; that of the run may be another run's.
+    let is_known = !submission.steps[job.step].is_run()
+        || progress.as_ref().is_some_and(|progress| progress.ending == JobEnd::Finished);
+    if is_known && result.join(RECORDING).is_file() {
         return JobState::Finished;
     }
-    let progress = JobProgress::read(folder, job);
     if let Some(task) = task.filter(|task| task.is_active()) {
         return match progress {
             Some(JobProgress { frames, of, message, host, .. }) if task.is_running() => {
@@ -103,25 +108,27 @@ fn state(submission: &Submission, folder: &Path, job: JobId, task: Option<&TaskS
             None => JobState::Waiting { reason: String::new(), is_queued: false },
         };
     };
-    let JobProgress { ending, frames, of, message, host: machine, .. } = progress;
+    let JobProgress { ending, frames, of, message, host: machine, process, .. } = progress;
+    let after = if of > 0 { format!("after {frames} of {of} frames: ") } else { String::new() };
     match ending {
         JobEnd::Failed => JobState::Failed { message },
-        JobEnd::Interrupted => JobState::Stopped { message: format!("after {frames} of {of} frames: {message}") },
+        JobEnd::Interrupted => JobState::Stopped { message: format!("{after}{message}") },
         JobEnd::Finished => JobState::Stopped { message: "its result was removed".to_owned() },
-        // Slurm knows better; elsewhere the lock of the folder tells whether the process is alive.
-        JobEnd::Running if submission.scheduler != Scheduler::Slurm && is_alive(&result) => {
+        // Slurm knows better.
+        JobEnd::Running if submission.scheduler != Scheduler::Slurm && is_alive(&result, &machine, process) => {
             JobState::Running { frames, of, message: on_host(&machine, &message) }
         }
         JobEnd::Running => {
             let why = ended.map_or_else(|| "it was killed".to_owned(), |state| format!("Slurm: {state}"));
-            JobState::Stopped { message: format!("after {frames} of {of} frames on {machine}: {why}") }
+            JobState::Stopped { message: format!("{after}{why} (on {machine})") }
         }
     }
 }
 
-/// Whether a process writes the result now.
-fn is_alive(result: &Path) -> bool {
-    is_held(&depthloom_durable::partial_name(result))
+/// Whether a process computes the result now: it runs on this machine, or has the lock of the result.
+fn is_alive(result: &Path, machine: &str, process: u32) -> bool {
+    let runs_here = machine == host() && Path::new("/proc").join(process.to_string()).exists();
+    runs_here || is_held(&depthloom_durable::partial_name(result))
 }
 
 fn on_host(host: &str, message: &str) -> String {

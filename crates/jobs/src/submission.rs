@@ -124,6 +124,7 @@ impl Submission {
         let path = folder.join(JOBS);
         let failed = |error: &dyn std::error::Error| {
             CliError::because(ExitCode::Usage, format_args!("failed to read {}", path.display()), error)
+                .remedy("the folder may have been moved, or the file is damaged: submit the experiment again")
         };
         let bytes = regular_file::read(&path, LARGEST).map_err(|error| failed(&error))?;
         let submission: Self = serde_json::from_slice(&bytes).map_err(|error| failed(&error))?;
@@ -171,8 +172,13 @@ impl Submission {
 
     /// The log of a job.
     #[must_use]
-    pub fn log(folder: &Path, JobId { step, job }: JobId) -> PathBuf {
-        folder.join(LOGS).join(format!("{}-{job}.log", step + 1))
+    pub fn log(&self, folder: &Path, JobId { step, job }: JobId) -> PathBuf {
+        let array = self.slurm.iter().rev().find(|array| array.step == step && array.jobs.contains(&job));
+        let name = match array.map_or(0, |array| array.first) {
+            0 => format!("{}-{job}.log", step + 1),
+            first => format!("{}-{first}+{}.log", step + 1, job - first),
+        };
+        folder.join(LOGS).join(name)
     }
 }
 

@@ -13,9 +13,14 @@ pub fn allow() {
     ALLOWED.store(true, Ordering::Relaxed);
 }
 
+/// Whether the user has allowed this.
+pub fn is_allowed() -> bool {
+    ALLOWED.load(Ordering::Relaxed)
+}
+
 /// Called before every start, and as soon as a start is certain.
 pub(crate) fn check(command: &str) -> Result<(), Fault> {
-    if ALLOWED.load(Ordering::Relaxed) {
+    if is_allowed() {
         return Ok(());
     }
     let what = format!("it would start `{command}`, and an experiment starts no program unless you allow it");

@@ -6,7 +6,7 @@ use depthloom_graphs::counted;
 use depthloom_jobs::{JobProgress, JobState, Scheduler, host, slurm, states};
 use depthloom_terminal::{CliError, ExitCode, say};
 
-use super::SubmissionFolder;
+use super::{SubmissionFolder, name_of};
 
 /// Ends the jobs of a submission.
 pub(crate) fn cancel(SubmissionFolder { folder, submission }: &SubmissionFolder) -> Result<ExitCode, CliError> {
@@ -30,7 +30,7 @@ pub(crate) fn cancel(SubmissionFolder { folder, submission }: &SubmissionFolder)
     say(format_args!(
         "ending {}; `depthloom jobs retry {}` resumes them",
         counted(active.len() as u64, "job"),
-        submission.experiment
+        name_of(folder)
     ));
     Ok(ExitCode::Success)
 }

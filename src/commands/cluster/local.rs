@@ -1,6 +1,6 @@
 //! Jobs as processes on this machine.
 
-use std::collections::VecDeque;
+use std::collections::{BTreeMap, VecDeque};
 use std::fs::OpenOptions;
 use std::path::Path;
 use std::process::{Command, Stdio};
@@ -10,12 +10,12 @@ use std::thread;
 use std::time::{Duration, Instant};
 
 use depthloom_graphs::counted;
-use depthloom_jobs::{JobId, JobProgress, JobState, Submission, SubmitLock, damage, states};
+use depthloom_jobs::{JobEnd, JobId, JobProgress, JobState, Submission, SubmitLock, damage, states};
 use depthloom_runner::Interrupt;
 use depthloom_terminal::{CliError, ExitCode, print_path, say};
 use depthloom_threads::locked;
 
-use super::SubmissionFolder;
+use super::{SubmissionFolder, name_of};
 use crate::signals;
 
 /// The time between two looks at a process.
@@ -33,7 +33,7 @@ pub(crate) fn run(
     let interrupt = signals::listen("stopping: jobs store what they have")?;
     let parallel = parallel.unwrap_or_else(|| parallel_jobs(submission));
     for step in 0..submission.steps.len() {
-        let states = states(submission, folder)?;
+        let states = settled(folder, submission, step, &interrupt)?;
         let is_missing = |job: &JobId, state: &JobState| {
             *state != JobState::Finished || damage(&submission.result(folder, *job), false).is_some()
         };
@@ -44,21 +44,24 @@ pub(crate) fn run(
             .collect();
         let failed = run_step(folder, submission, missing, parallel, allow_exec, &interrupt)?;
         if interrupt.stops_admission() {
-            let what = format!("interrupted; `depthloom jobs retry {}` resumes", submission.experiment);
+            let what = format!("interrupted; `depthloom jobs retry {}` resumes", name_of(folder));
             return Err(CliError::new(ExitCode::Interrupted, what));
         }
         if let Some(first) = failed.first() {
             let message = JobProgress::read(folder, *first).map(|progress| progress.message).unwrap_or_default();
             let (count, name) = (counted(failed.len() as u64, "job"), submission.name(*first));
             let what = format!("{count} of step {} failed; {name}: {message}", step + 1);
-            let log = Submission::log(folder, *first);
-            let remedy = format!("see {}; `depthloom jobs retry {}` resumes", log.display(), submission.experiment);
+            let log = submission.log(folder, *first);
+            let remedy = format!("see {}; `depthloom jobs retry {}` resumes", log.display(), name_of(folder));
             return Err(CliError::new(ExitCode::Engine, what).remedy(remedy));
         }
     }
     drop(lock);
     print_path("run: ", &submission.out)?;
-    Ok(ExitCode::Success)
+    // As `run` ends, whose output is in the log.
+    let run = JobId { step: submission.steps.len() - 1, job: 0 };
+    let code = JobProgress::read(folder, run).map(|progress| progress.exit_code);
+    Ok(if code == Some(ExitCode::FrameFailures as i32) { ExitCode::FrameFailures } else { ExitCode::Success })
 }
 
 /// How many jobs run at once by default: each has the workers that the submission gives it.
@@ -87,7 +90,7 @@ fn run_step(
         for _ in 0..parallel.min(all) {
             scope.spawn(|| {
                 while let Some(job) = next(&queue, interrupt) {
-                    match perform(folder, job, allow_exec, interrupt) {
+                    match perform(folder, submission, job, allow_exec, interrupt) {
                         Ok(true) => {}
                         Ok(false) => locked(&failed).push(job),
                         Err(error) => {
@@ -123,8 +126,14 @@ fn next(queue: &Mutex<VecDeque<JobId>>, interrupt: &Interrupt) -> Option<JobId> 
 }
 
 /// Runs a job in a process of its own; returns whether it succeeded.
-fn perform(folder: &Path, job: JobId, allow_exec: bool, interrupt: &Interrupt) -> Result<bool, CliError> {
-    let log = Submission::log(folder, job);
+fn perform(
+    folder: &Path,
+    submission: &Submission,
+    job: JobId,
+    allow_exec: bool,
+    interrupt: &Interrupt,
+) -> Result<bool, CliError> {
+    let log = submission.log(folder, job);
     let failed = |what: &str, error: &std::io::Error| CliError::because(ExitCode::Engine, what, error);
     let program = std::env::current_exe().map_err(|error| failed("failed to find this program's file", &error))?;
     let opened = OpenOptions::new().create(true).append(true).open(&log);
@@ -142,13 +151,41 @@ fn perform(folder: &Path, job: JobId, allow_exec: bool, interrupt: &Interrupt) -
     let mut terminated = false;
     loop {
         match child.try_wait().map_err(|error| failed("failed to wait for a job", &error))? {
-            Some(status) => return Ok(status.success()),
+            // With `--keep-going`, a run with failed frames ends with another code, and is complete.
+            Some(status) => return Ok(status.success() || is_complete(folder, submission, job)),
             None if interrupt.stops_admission() && !terminated => {
                 terminated = true;
                 terminate(child.id());
             }
             None => thread::sleep(POLL),
         }
+    }
+}
+
+fn is_complete(folder: &Path, submission: &Submission, job: JobId) -> bool {
+    JobProgress::read(folder, job).is_some_and(|progress| progress.ending == JobEnd::Finished)
+        && damage(&submission.result(folder, job), false).is_none()
+}
+
+/// The states when no job of a step runs any more: those of an earlier process, which was killed, may.
+fn settled(
+    folder: &Path,
+    submission: &Submission,
+    step: usize,
+    interrupt: &Interrupt,
+) -> Result<BTreeMap<JobId, JobState>, CliError> {
+    let mut is_reported = false;
+    loop {
+        let states = states(submission, folder)?;
+        let running = states.iter().filter(|(job, state)| job.step == step && state.is_active()).count();
+        if running == 0 || interrupt.stops_admission() {
+            return Ok(states);
+        }
+        if !is_reported {
+            say(format_args!("waiting for {} that an earlier process started", counted(running as u64, "job")));
+            is_reported = true;
+        }
+        thread::sleep(Duration::from_millis(200));
     }
 }
 

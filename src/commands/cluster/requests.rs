@@ -1,13 +1,17 @@
 //! What jobs request from the scheduler: time and memory, from the measurements of an earlier run.
 
+use std::collections::HashSet;
 use std::path::Path;
 
+use depthloom_graphs::Key;
+use depthloom_graphs::contracts::Contract;
 use depthloom_graphs::plan::{Plan, RunId};
 use depthloom_jobs::slurm::JobRequest;
 use depthloom_jobs::{Shard, Step};
 use depthloom_terminal::CliError;
 
 use crate::commands::experiments::cost::{Costs, NodeCosts, StageCosts, measured};
+use crate::output::diagnostics::print_warning;
 
 /// Machines of a cluster differ, and neighbours disturb: this many times the measured time is requested.
 const TIME_FACTOR: f64 = 3.0;
@@ -39,6 +43,16 @@ pub(super) fn requests(
             what,
             "name a run that computed its values, e.g. one with `run --fresh` of a few frames",
         ));
+    }
+    let known: HashSet<Key> = costs.plan.runs.iter().flat_map(|run| &run.nodes).map(|node| node.node_hash).collect();
+    for run in &plan.runs {
+        let mut trainings = run.nodes.iter().filter(|node| node.contract == Contract::Once);
+        if let Some(node) = trainings.find(|node| !known.contains(&node.node_hash)) {
+            let (name, from) = (format!("{}.{}", run.stage, node.name), costs.folder.display());
+            print_warning(&format!(
+                "`{name}` differs from that of {from}: the time for it is that of the measured one; `-- --time=...` sets another"
+            ));
+        }
     }
     let request = |step: &Step| request(&costs, plan, frames, step, f64::from(workers));
     Ok(steps.iter().map(request).collect())

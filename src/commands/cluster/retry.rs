@@ -6,7 +6,7 @@ use depthloom_graphs::counted;
 use depthloom_jobs::{JobId, JobState, Scheduler, SubmitLock, damage, slurm, states};
 use depthloom_terminal::{CliError, ExitCode, print, say};
 
-use super::{SubmissionFolder, local};
+use super::{SubmissionFolder, local, name_of};
 use crate::args::RetryArgs;
 
 /// Submits what is not complete, and does not run.
@@ -117,7 +117,7 @@ fn resubmit(
     say(format_args!(
         "{} submitted; `depthloom jobs {}` shows how far they are",
         counted(count as u64, "job"),
-        submission.experiment
+        name_of(folder)
     ));
     Ok(ExitCode::Success)
 }

@@ -45,6 +45,8 @@ pub(super) fn through(
                 .and_then(|()| depthloom_durable::rename(&shared_partial, out));
             copied.map_err(|error| failed("copy to", out, &error))?;
             let _ = fs::remove_dir_all(&local);
+            // Fails while other jobs use it.
+            let _ = fs::remove_dir(scratch);
             Ok(Computed { out: out.to_owned(), ..computed })
         }
         Err(stop) => {
@@ -52,6 +54,7 @@ pub(super) fn through(
                 match replace(&local_partial, &shared_partial) {
                     Ok(()) => {
                         let _ = fs::remove_dir_all(&local_partial);
+                        let _ = fs::remove_dir(scratch);
                     }
                     Err(error) => say(format_args!("warning: failed to copy to {}: {error}", shared_partial.display())),
                 }

@@ -1,6 +1,7 @@
 //! `depthloom jobs`: how far the jobs of a submission are.
 
 use std::fmt::Write as _;
+use std::path::Path;
 
 use depthloom_graphs::counted;
 use depthloom_jobs::{JobId, JobState, Scheduler, Submission, states};
@@ -8,7 +9,7 @@ use depthloom_terminal::{CliError, ExitCode, aligned, print};
 use schemars::JsonSchema;
 use serde::Serialize;
 
-use super::SubmissionFolder;
+use super::{SubmissionFolder, name_of};
 use crate::output;
 
 /// The most jobs of a kind that are listed.
@@ -124,7 +125,7 @@ fn text(SubmissionFolder { folder, submission }: &SubmissionFolder, states: &[(J
     }
     let is_finished = states.iter().all(|(_, state)| *state == JobState::Finished);
     let is_active = states.iter().any(|(_, state)| state.is_active());
-    let name = &submission.experiment;
+    let name = name_of(folder);
     let _ = match () {
         () if is_finished => writeln!(text, "\nrun: {}", submission.out.display()),
         () if states.iter().any(|(_, state)| matches!(state, JobState::Failed { .. } | JobState::Stopped { .. })) => {
@@ -143,10 +144,9 @@ fn text(SubmissionFolder { folder, submission }: &SubmissionFolder, states: &[(J
 }
 
 /// How to see the states.
-pub(crate) fn hint(experiment: &str) -> String {
-    format!(
-        "`depthloom jobs {experiment}` shows how far they are; `depthloom jobs retry {experiment}` lists what is missing."
-    )
+pub(crate) fn hint(folder: &Path) -> String {
+    let name = name_of(folder);
+    format!("`depthloom jobs {name}` shows how far they are; `depthloom jobs retry {name}` lists what is missing.")
 }
 
 fn last_lines(text: &str) -> String {

@@ -1,12 +1,17 @@
 //! `depthloom jobs start`: runs a job of a submission; the scripts call it.
 
 use clap::Parser as _;
-use depthloom_graphs::Registry;
+use std::path::Path;
+
+use depthloom_graphs::plan::Plan;
 use depthloom_graphs::ready::Ready;
+use depthloom_graphs::{Registry, counted};
 use depthloom_jobs::{JobEnd, JobId, ProgressFile, Shard, ShardFolder, Submission, damage};
+use depthloom_recording::{Condition, Recording};
+use depthloom_runs::RECORDING;
 use depthloom_terminal::{CliError, ExitCode, say};
 
-use super::{absolute, scratch};
+use super::{absolute, name_of, scratch};
 use crate::allow_exec;
 use crate::args::{Cli, Command, ExecArgs, RunArgs, StartArgs};
 use crate::execution::carry_out;
@@ -27,9 +32,11 @@ pub(crate) fn start(args: &StartArgs, registry: &Registry) -> Result<ExitCode, C
     let progress = ProgressFile::start(&folder, job);
     let done = perform(&submission, &folder, job, args.exec, registry, &progress);
     match &done {
-        Ok(_) => progress.end(JobEnd::Finished, ""),
-        Err(stop) if stop.exit == ExitCode::Interrupted => progress.end(JobEnd::Interrupted, &stop.to_string()),
-        Err(stop) => progress.end(JobEnd::Failed, &stop.to_string()),
+        Ok(exit) => progress.end(JobEnd::Finished, *exit as i32, ""),
+        Err(stop) if stop.exit == ExitCode::Interrupted => {
+            progress.end(JobEnd::Interrupted, stop.exit as i32, &stop.to_string());
+        }
+        Err(stop) => progress.end(JobEnd::Failed, stop.exit as i32, &stop.to_string()),
     }
     done
 }
@@ -46,7 +53,7 @@ fn job(args: &StartArgs, submission: &Submission) -> Result<JobId, CliError> {
 
 fn perform(
     submission: &Submission,
-    folder: &std::path::Path,
+    folder: &Path,
     job: JobId,
     exec: ExecArgs,
     registry: &Registry,
@@ -54,10 +61,6 @@ fn perform(
 ) -> Result<ExitCode, CliError> {
     let is_run = submission.steps[job.step].is_run();
     let out = submission.result(folder, job);
-    if is_run && out.exists() {
-        say(format_args!("the run is complete: {}", out.display()));
-        return Ok(ExitCode::Success);
-    }
     let args = run_args(submission, is_run)?;
     let loaded = load_texts(&args.experiment, registry, true, submission.files.clone())?;
     allow_exec::decide(exec, Some((&args.experiment.experiment, &loaded)))?;
@@ -70,6 +73,9 @@ fn perform(
     // Its own name of the folder, however the script names it.
     let shards = ShardFolder::at(folder);
     if is_run {
+        if out.symlink_metadata().is_ok() {
+            return existing_run(&out, &loaded.plan);
+        }
         check_shards(submission, folder)?;
     }
     let ready = Ready::new(loaded.plan.clone(), registry).map_err(|missing| CliError::of_missing(&missing))?;
@@ -77,14 +83,32 @@ fn perform(
     let Some(shard) = submission.steps[job.step].shards.get(job.job) else {
         return carry_out(&args, loaded, ready, &interrupt, None, progress, &[]).map(|(exit, _)| exit);
     };
-    let compute = |out: &std::path::Path| compute(&args, loaded, ready, &interrupt, shard, (&shards, out), progress);
+    let compute = |out: &Path| compute(&args, loaded, ready, &interrupt, shard, (&shards, out), progress);
     let computed = match &submission.scratch {
         Some(scratch) if !matches!(shard, Shard::Nodes { .. }) => {
             scratch::through(&scratch.join(format!("depthloom-{}", submission.plan)), &out, compute)?
         }
         _ => compute(&out)?,
     };
+    if computed.failed > 0 && args.keep_going {
+        // The last run reports it.
+        let frames = counted(computed.failed, "frame");
+        say(format_args!("{frames} failed; values that depend on them are left out"));
+        return Ok(ExitCode::Success);
+    }
     computed.print(&args, "")
+}
+
+/// The folder of the run is there: an earlier process of this job wrote it, or it belongs to something else.
+fn existing_run(out: &Path, plan: &Plan) -> Result<ExitCode, CliError> {
+    let is_own = Recording::open(out.join(RECORDING))
+        .is_ok_and(|recording| *recording.condition() == Condition::Complete && recording.is_of_experiment(plan));
+    if is_own {
+        say(format_args!("the run is complete: {}", out.display()));
+        return Ok(ExitCode::Success);
+    }
+    let what = format!("{} exists already, and is not the run of this submission", out.display());
+    Err(CliError::usage(what, "move it away, then `depthloom jobs retry` resumes; or submit with another --out"))
 }
 
 /// The options of `run` for a job.
@@ -105,11 +129,11 @@ fn run_args(submission: &Submission, is_run: bool) -> Result<RunArgs, CliError> 
 }
 
 /// Refuses to compute in the last run what shards should have computed.
-fn check_shards(submission: &Submission, folder: &std::path::Path) -> Result<(), CliError> {
+fn check_shards(submission: &Submission, folder: &Path) -> Result<(), CliError> {
     for job in submission.jobs().filter(|job| !submission.steps[job.step].is_run()) {
         if let Some(damage) = damage(&submission.result(folder, job), false) {
             let what = format!("the result of job {} cannot be used: {damage}", submission.name(job));
-            let remedy = format!("`depthloom jobs retry {}` computes it again", submission.experiment);
+            let remedy = format!("`depthloom jobs retry {}` computes it again", name_of(folder));
             return Err(CliError::usage(what, remedy));
         }
     }

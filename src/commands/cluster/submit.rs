@@ -2,17 +2,17 @@
 
 use std::path::{Path, PathBuf};
 
+use depthloom_graphs::plan::Plan;
 use depthloom_graphs::ready::open;
 use depthloom_graphs::{Registry, counted};
 use depthloom_jobs::slurm::{JobCommand, JobRequest};
-use depthloom_jobs::{
-    FORMAT, JobState, LOGS, Scheduler, ShardFolder, Split, Submission, SubmitLock, slurm, states, steps,
-};
+use depthloom_jobs::{FORMAT, LOGS, Scheduler, ShardFolder, Split, Submission, SubmitLock, slurm, states, steps};
+use depthloom_nodes::process::permission::is_allowed;
 use depthloom_runs::environment::utc_stamp;
 use depthloom_terminal::{CliError, ExitCode, print, say};
 
 use super::requests::requests;
-use super::{SubmissionFolder, absolute, local, show};
+use super::{SubmissionFolder, absolute, local, name_of, show};
 use crate::allow_exec;
 use crate::args::{SplitBy, SubmitArgs};
 use crate::execution::shard::{needs_reuse, shard_folder};
@@ -32,6 +32,10 @@ pub(crate) fn submit(args: &SubmitArgs, registry: &Registry) -> Result<ExitCode,
     let loaded = load(&args.experiment, registry, false)?;
     allow_exec::decide(args.exec, Some((&args.experiment.experiment, &loaded)))?;
     let plan = &loaded.plan;
+    needs_permission(args, plan)?;
+    if let Some(what) = slurm::refused_option(&args.options) {
+        return Err(CliError::usage(what, "leave it out; `depthloom submit --help` has the options that exist"));
+    }
     let runs = absolute(&args.folder.path())?;
     let folder = shard_folder(&runs, plan)?;
     let mut frames = Vec::new();
@@ -44,7 +48,8 @@ pub(crate) fn submit(args: &SubmitArgs, registry: &Registry) -> Result<ExitCode,
     let split = split(args, most, plan.variants.len())?;
     let out = match &args.out {
         Some(out) => absolute(out)?,
-        None => runs.join(&plan.experiment).join(utc_stamp()),
+        // With the plan: two submissions may be made in one second.
+        None => runs.join(&plan.experiment).join(format!("{}-{}", utc_stamp(), short(&folder))),
     };
     let files = loaded.read.iter().zip(&plan.written);
     let submission = Submission {
@@ -98,6 +103,26 @@ pub(crate) fn submit(args: &SubmitArgs, registry: &Registry) -> Result<ExitCode,
     }
 }
 
+/// The beginning of the plan's key.
+fn short(folder: &ShardFolder) -> String {
+    folder.path().file_name().unwrap_or_default().to_string_lossy().chars().take(6).collect()
+}
+
+/// Refuses an experiment that starts programs without permission: every job would fail.
+fn needs_permission(args: &SubmitArgs, plan: &Plan) -> Result<(), CliError> {
+    let mut nodes = plan.runs.iter().flat_map(|run| run.nodes.iter().map(move |node| (&run.stage, node)));
+    match nodes.find(|(_, node)| node.kind.split('/').next() == Some("process")) {
+        Some((stage, node)) if !args.exec.allow_exec && !is_allowed() => {
+            let what = format!(
+                "node `{stage}.{}` starts a program, and an experiment starts no program unless you allow it",
+                node.name
+            );
+            Err(CliError::usage(what, "read what it starts; then submit it with --allow-exec"))
+        }
+        _ => Ok(()),
+    }
+}
+
 fn split(args: &SubmitArgs, frames: usize, variants: usize) -> Result<Split, CliError> {
     let wanted = args.shards.map(|shards| shards as usize);
     let (what, most) = match args.by {
@@ -135,23 +160,24 @@ fn arguments(args: &SubmitArgs, runs: &Path) -> Vec<String> {
 
 /// Refuses a second submission while jobs of the first one run or wait.
 fn keep_from_running_twice(folder: &ShardFolder, new: &Submission) -> Result<(), CliError> {
+    let exists = new.out.symlink_metadata().is_ok();
+    let refused = || {
+        let what = format!("{} exists already", new.out.display());
+        Err(CliError::usage(what, "choose another --out, or leave it out"))
+    };
     if !folder.path().join(depthloom_jobs::JOBS).is_file() {
-        return Ok(());
+        return if exists { refused() } else { Ok(()) };
     }
     let before = Submission::read(folder.path())?;
     let states = states(&before, folder.path())?;
     let active = states.values().filter(|state| state.is_active()).count();
     if active > 0 {
         let what = format!("this experiment was submitted before, and {} run or wait", counted(active as u64, "job"));
-        let name = &new.experiment;
+        let name = name_of(folder.path());
         let remedy = format!("`depthloom jobs {name}` shows them, `depthloom jobs cancel {name}` ends them");
         return Err(CliError::usage(what, remedy));
     }
-    if before.out.exists() && states.values().all(|state| *state == JobState::Finished) && before.out == new.out {
-        let what = format!("{} exists already: the jobs are finished", before.out.display());
-        return Err(CliError::usage(what, "choose another --out"));
-    }
-    Ok(())
+    if exists { refused() } else { Ok(()) }
 }
 
 /// The command of a script, without the job.
@@ -217,7 +243,7 @@ fn dry_run(submission: &Submission, folder: &ShardFolder, command: &JobCommand) 
         if submission.scheduler == Scheduler::Slurm {
             let jobs: Vec<usize> = (0..content.jobs()).collect();
             let after = if step > 0 { vec![format!("JOB-OF-STEP-{step}")] } else { Vec::new() };
-            let (_, arguments) = slurm::sbatch_arguments(submission, folder.path(), step, &jobs, &after);
+            let (_, arguments) = slurm::sbatch_arguments(submission, folder.path(), step, &jobs, &after, usize::MAX);
             let words: Vec<String> = arguments.iter().map(|word| slurm::shell_quoted(word)).collect();
             text.push_str(&format!("--- sbatch {}\n", words.join(" ")));
         }
@@ -235,14 +261,16 @@ fn instructions(submission: &Submission, folder: &Path) -> String {
         let script = slurm::shell_quoted(&script.display().to_string());
         let last = content.jobs() - 1;
         let jobs = content.jobs();
+        // PBS refuses an array of one job.
+        let pbs = if last == 0 { format!("qsub -- /bin/sh {script} 0") } else { format!("qsub -J 0-{last} {script}") };
         text.push_str(&format!(
-            "\nstep {}: {}, {}\n  here        for i in $(seq 0 {last}); do sh {script} $i; done\n  PBS         qsub -J 0-{last} {script}\n  LSF         bsub -J 'step{}[1-{jobs}]' sh {script}\n  Grid Engine qsub -t 1-{jobs} {script}\n",
+            "\nstep {}: {}, {}\n  here        for i in $(seq 0 {last}); do sh {script} $i; done\n  PBS         {pbs}\n  LSF         bsub -J 'step{}[1-{jobs}]' sh {script}\n  Grid Engine qsub -t 1-{jobs} {script}\n",
             step + 1,
             content.name,
             counted(jobs as u64, "job"),
             step + 1,
         ));
     }
-    text.push_str(&format!("\n{}\n", show::hint(&submission.experiment)));
+    text.push_str(&format!("\n{}\n", show::hint(folder)));
     text
 }

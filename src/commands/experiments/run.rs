@@ -1,8 +1,8 @@
 //! `depthloom run`: from an experiment file to a recording, a table and plots.
 
-use depthloom_graphs::Registry;
 use depthloom_graphs::plan::Plan;
 use depthloom_graphs::ready::Ready;
+use depthloom_graphs::{Registry, counted};
 use depthloom_jobs::{Fraction, Shard, ShardFolder};
 use depthloom_runner::Unwatched;
 use depthloom_terminal::{CliError, ExitCode};
@@ -21,7 +21,7 @@ pub(crate) fn run(args: &RunArgs, registry: &Registry) -> Result<ExitCode, CliEr
     allow_exec::decide(args.exec, Some((&args.experiment.experiment, &loaded)))?;
     let shards = shard_folder(&args.folder.path(), &loaded.plan)?;
     let shard = args.shard.map(|part| shard_of(part, args.by, &loaded.plan)).transpose()?;
-    if shard.is_some() {
+    if shard.is_some() || args.require_shards {
         needs_reuse()?;
     }
     let ready = Ready::new(loaded.plan.clone(), registry).map_err(|missing| CliError::of_missing(&missing))?;
@@ -33,13 +33,12 @@ pub(crate) fn run(args: &RunArgs, registry: &Registry) -> Result<ExitCode, CliEr
     let out = shards.shard(&shard.name());
     let computed = compute(args, loaded, ready, &interrupt, &shard, (&shards, &out), &Unwatched)?;
     let missing = shards.missing(false).len();
-    let experiment = args.experiment.experiment.display();
     computed.print(
         args,
         &match missing {
-            0 => format!("all shards are complete: `depthloom run {experiment}` joins them"),
-            1 => format!("one shard is missing; then `depthloom run {experiment}` joins them"),
-            _ => format!("{missing} shards are missing; then `depthloom run {experiment}` joins them"),
+            0 => "all shards are complete: the same command without --shard joins them".to_owned(),
+            1 => "one shard is missing; then the same command without --shard joins all".to_owned(),
+            _ => format!("{missing} shards are missing; then the same command without --shard joins all"),
         },
     )
 }
@@ -65,29 +64,26 @@ fn missing_shards(args: &RunArgs, shards: &ShardFolder) -> Result<Vec<String>, C
         return Ok(Vec::new());
     }
     let missing = shards.missing(args.require_shards);
-    let experiment = args.experiment.experiment.display();
-    let describe = |missing: &depthloom_jobs::MissingShard| {
-        let state =
-            missing.damage.as_ref().map_or_else(|| "is missing".to_owned(), |what| format!("is damaged: {what}"));
-        let by = if missing.name.starts_with("variants") { " --by variants" } else { "" };
-        let part = missing.part;
-        (format!("shard {} {state}", missing.name), format!("`depthloom run {experiment} --shard {part}{by}`"))
-    };
-    let described: Vec<(String, String)> = missing.iter().map(describe).collect();
-    match described.first() {
-        Some((what, command)) if args.require_shards => {
-            let others = described.len() - 1;
+    match missing.first() {
+        Some(first) if args.require_shards => {
+            let others = missing.len() - 1;
             let more = if others > 0 { format!(", and {others} more") } else { String::new() };
-            let stop = CliError::new(ExitCode::Usage, format!("{what}{more} (--require-shards)"));
-            Err(stop.remedy(format!("{command} computes it; without --require-shards this command does")))
+            let what = format!("shard {} cannot be used: {}{more} (--require-shards)", first.name, first.damage);
+            let by = if first.name.starts_with("variants") { " --by variants" } else { "" };
+            let command = format!("the same command with `--shard {}{by}` instead of --require-shards", first.part);
+            Err(CliError::usage(what, format!("{command} computes it; without either, this command does")))
         }
-        _ if args.require_shards && !shards.path().exists() => {
-            let stop = CliError::new(ExitCode::Usage, "there are no shards of this experiment (--require-shards)");
-            Err(stop.remedy(format!("`depthloom run {experiment} --shard 1/N` computes one")))
+        None if args.require_shards && !shards.has_shards() => {
+            let what = "there are no shards of this experiment with these options (--require-shards)";
+            Err(CliError::usage(what, "the same command with `--shard 1/N` instead of --require-shards computes one"))
         }
-        _ => {
-            let warning = |(what, command)| format!("{what}: it is computed now; {command} computes it elsewhere");
-            Ok(described.into_iter().map(warning).collect())
+        Some(first) => {
+            let (count, name) = (counted(missing.len() as u64, "shard"), &first.name);
+            Ok(vec![format!(
+                "{count} cannot be used, the first is {name}: {}; this run computes their values",
+                first.damage
+            )])
         }
+        None => Ok(Vec::new()),
     }
 }
