@@ -200,11 +200,21 @@ fn a_training_keeps_its_frames_and_reused_values_are_not_measurements() {
     assert_eq!(trained(&own), trained(&predicted));
 
     // The newest run reused everything: the first one has the measurements.
-    let arguments = ["run", "training.yaml", "--out", "runs/training/two", "--no-page", "--quiet"];
-    succeed(depthloom().current_dir(here).env_remove("DEPTHLOOM_FRESH").args(arguments));
+    let repeat = |out: &str, set: &str| {
+        let arguments = ["run", "training.yaml", "--out", out, "--set", set, "--no-page", "--quiet"];
+        succeed(depthloom().current_dir(here).env_remove("DEPTHLOOM_FRESH").args(arguments));
+    };
+    repeat("runs/training/two", "compare.mono.with.cap=80");
     assert_eq!(predict(here, &["training.yaml"])["from"], "runs/training/one");
-    let output = predict(here, &["training.yaml", "--from", "training/two"]);
-    let warnings = output["warnings"].to_string();
-    assert!(warnings.contains("reused values of"), "{output}");
+    let output =
+        depthloom().current_dir(here).args(["plan", "training.yaml", "--cost", "--from", "training/two"]).output();
+    let output = output.expect("the binary starts");
+    let stderr = String::from_utf8_lossy(&output.stderr);
+    assert_eq!(output.status.code(), Some(2), "{stderr}");
+    assert!(stderr.contains("runs/training/two has no measurement"), "{stderr}");
+    repeat("runs/training/three", "compare.mono.with.cap=50");
+    let output = predict(here, &["training.yaml", "--from", "training/three"]);
+    assert!(output["warnings"].to_string().contains("reused values of 4 nodes"), "{output}");
     assert!(output["not_included"].to_string().contains("learn.train (learn/ssl)"), "{output}");
+    assert_eq!(output["by_kind"].as_array().map(|list| list.contains(&"compare.mono (mono/onnx)".into())), Some(true));
 }

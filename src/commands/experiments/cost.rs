@@ -16,7 +16,7 @@ use depthloom_recording::{
     PlanDifference, RecordedNode, RecordedPlan, RecordedRun, RecordedSource, Recording, source_differences,
 };
 use depthloom_runner::Options;
-use depthloom_runs::{RECORDING, all};
+use depthloom_runs::{FoundRun, RECORDING, all};
 use depthloom_terminal::{CliError, ExitCode, aligned, print, size};
 use schemars::JsonSchema;
 use serde::Serialize;
@@ -129,7 +129,7 @@ fn nearest(plan: &Plan, folder: &Path, experiment: &Path) -> Result<PathBuf, Cli
     let recorded = RecordedPlan::from_plan(plan);
     let wanted: HashSet<_> = recorded.runs.iter().flat_map(|run| &run.nodes).map(|node| node.node_hash).collect();
     let mut best: Option<((usize, usize), PathBuf)> = None;
-    for run in all(folder).unwrap_or_default().into_iter().rev().filter(depthloom_runs::FoundRun::has_finished) {
+    for run in all(folder).unwrap_or_default().into_iter().rev().filter(FoundRun::has_finished) {
         let Ok(recording) = Recording::open(run.path.join(RECORDING)) else { continue };
         let before = recording.plan();
         let shared = before.runs.iter().flat_map(|stage| stage.nodes.iter().map(move |node| (stage, node)));
