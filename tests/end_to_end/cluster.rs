@@ -191,9 +191,9 @@ fn shards_of_frames_and_of_variants_join_to_the_bytes_of_one_run() {
     let refused = join("by-frames", &["--require-shards"]);
     assert_eq!(refused.status.code(), Some(2));
     let text = errors(&refused);
-    assert!(text.contains("frames-1-of-3 is missing") && text.contains("--shard 1/3`"), "{text}");
+    assert!(text.contains("frames-1-of-3 cannot be used: it is not there") && text.contains("`--shard 1/3`"), "{text}");
     let joined = join("by-frames", &[]);
-    assert!(errors(&joined).contains("shard frames-1-of-3 is missing"), "{}", errors(&joined));
+    assert!(errors(&joined).contains("the first is frames-1-of-3"), "{}", errors(&joined));
     case.assert_equal(&case.at("by-frames/joined"));
     fs::remove_dir_all(case.at("by-frames/joined")).expect("removed");
     for part in ["1/3", "2/3"] {
@@ -290,6 +290,99 @@ fn jobs_that_are_killed_or_lose_their_result_are_retried_to_the_same_bytes() {
 }
 
 #[test]
+fn what_would_mislead_is_refused_by_submit() {
+    let case = Case::of_table1();
+    let submit = |more: &[&str]| {
+        case.command("submit")
+            .args(["--runs", "runs", "--no-page", "--shards", "2"])
+            .args(more)
+            .output()
+            .expect("starts")
+    };
+    let refused = |more: &[&str], what: &str| {
+        let output = submit(more);
+        assert_eq!(output.status.code(), Some(2), "{more:?}: {}", errors(&output));
+        assert!(errors(&output).contains(what), "{more:?}: {}", errors(&output));
+    };
+    // A foreign folder, the run of another experiment, and the folder of runs are not results of this submission.
+    fs::create_dir(case.at("photos")).expect("made");
+    for out in ["photos", "single/run", "single", "experiment.yaml"] {
+        refused(&["--to", "local", "--out", out], "exists already");
+    }
+    refused(&["--to", "local", "--", "--time=5"], "options after `--`");
+    for option in ["--array=0-5", "--output=x", "-o", "--chdir=/"] {
+        refused(&["--dry-run", "--", option], "is set by depthloom");
+    }
+    let dry = submit(&["--dry-run", "--", "--export=NONE", "--dependency=afterok:7"]);
+    let text = String::from_utf8_lossy(&dry.stdout).into_owned();
+    assert!(text.contains("--array=0-1 --dependency=afterok:7 "), "{text}");
+    assert!(text.contains("--dependency=afterok:JOB-OF-STEP-1 "), "{text}");
+    assert!(!case.at("runs").exists(), "a dry run writes nothing");
+
+    // The folder appears later: the last job does not take it for its result.
+    succeed(case.command("submit").args(["--runs", "late", "--to", "script", "--shards", "1", "--out", "out"]));
+    let shards = case.shards("late");
+    for step in 1..=3 {
+        succeed(Command::new("sh").arg(shards.join(format!("step-{step}.sh"))).arg("0").env_remove("DEPTHLOOM_FRESH"));
+    }
+    fs::create_dir(case.at("out")).expect("made");
+    fs::write(case.at("out/mine"), "mine").expect("written");
+    let last = Command::new("sh").arg(shards.join("step-4.sh")).arg("0").env_remove("DEPTHLOOM_FRESH").output();
+    let last = last.expect("sh starts");
+    assert!(errors(&last).contains("is not the run of this submission"), "{}", errors(&last));
+    assert_eq!(case.state("late", None, "4-run"), "failed");
+    assert_eq!(fs::read_to_string(case.at("out/mine")).expect("kept"), "mine");
+
+    // A script without a job does not choose one.
+    let none =
+        Command::new("sh").arg(shards.join("step-1.sh")).env_remove("DEPTHLOOM_FRESH").output().expect("sh starts");
+    assert_eq!(none.status.code(), Some(2), "{}", errors(&none));
+}
+
+#[test]
+fn failed_frames_end_no_chain_of_jobs_with_keep_going() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let here = folder.path();
+    let size = ["--width", "160", "--height", "64", "--frames", "4", "--quiet"];
+    succeed(depthloom().arg("synth").arg(here.join("data")).args(size));
+    fs::write(here.join("data/training/image_2/000001_10.png"), "damaged").expect("written");
+    let experiment = "experiment: damaged
+sources: { street: { kind: kitti/stereo2015, with: { root: data, split: training, ground_truth: occ } } }
+stages:
+  look:
+    source: street
+    nodes:
+      stereo: { kind: stereo/sgbm, with: { disparities: 32 }, inputs: { left: source/left, right: source/right } }
+      depth: { kind: depth/from-disparity, inputs: { disparity: stereo/disparity, calibration: source/calibration } }
+    score: { ground_truth: source/depth, estimates: { depth: depth/depth } }
+";
+    fs::write(here.join("damaged.yaml"), experiment).expect("written");
+    let command = |arguments: &[&str]| {
+        let mut command = depthloom();
+        command.env_remove("DEPTHLOOM_FRESH").current_dir(here).args(arguments).output().expect("the binary starts")
+    };
+    let single = command(&["run", "damaged.yaml", "--keep-going", "--no-page", "--out", "single", "--runs", "a", "-q"]);
+    assert_eq!(single.status.code(), Some(3), "{}", errors(&single));
+    let joined = command(&[
+        "submit",
+        "damaged.yaml",
+        "--to",
+        "local",
+        "--shards",
+        "2",
+        "--keep-going",
+        "--no-page",
+        "--out",
+        "joined",
+        "--runs",
+        "b",
+    ]);
+    assert_eq!(joined.status.code(), Some(3), "{}", errors(&joined));
+    let read = |run: &str| fs::read(here.join(run).join("recording.mcap")).expect("a recording");
+    assert!(read("single") == read("joined"), "the recordings differ");
+}
+
+#[test]
 fn slurm_runs_job_arrays_to_the_bytes_of_one_run() {
     const TEST: &str = "cluster::slurm_runs_job_arrays_to_the_bytes_of_one_run";
     let Some(cluster) = Cluster::start(TEST) else { return };
@@ -299,7 +392,7 @@ fn slurm_runs_job_arrays_to_the_bytes_of_one_run() {
         cluster.set_environment(&mut submit);
         submit.args(["--runs", runs, "--no-page", "--shards", shards, "--by", by, "--workers", "1"]);
         let output = succeed(submit.args(["--", "--time=10", "--mem=2G"]));
-        assert!(errors(&output).contains("depthloom jobs table1"), "{}", errors(&output));
+        assert!(errors(&output).contains("`depthloom jobs "), "{}", errors(&output));
         // A second submission is refused.
         let mut second = case.command("submit");
         cluster.set_environment(&mut second);

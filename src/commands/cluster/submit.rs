@@ -83,6 +83,8 @@ pub(crate) fn submit(args: &SubmitArgs, registry: &Registry) -> Result<ExitCode,
     if args.dry_run {
         return dry_run(&submission, &folder, &command);
     }
+    // A refused submission leaves no folder.
+    keep_from_running_twice(&folder, &submission)?;
     let lock = SubmitLock::take(folder.path())?;
     keep_from_running_twice(&folder, &submission)?;
     write(&submission, &folder, &command)?;
