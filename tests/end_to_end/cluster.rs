@@ -9,7 +9,7 @@ use std::time::{Duration, Instant};
 use serde_json::Value as Json;
 
 use crate::support::slurm::Cluster;
-use crate::support::{depthloom, full, succeed, workspace};
+use crate::support::{depthloom, full, skipped, succeed, workspace};
 
 /// Longest wait, on a loaded machine.
 const PATIENCE: Duration = Duration::from_secs(300);
@@ -337,6 +337,43 @@ fn what_would_mislead_is_refused_by_submit() {
     let none =
         Command::new("sh").arg(shards.join("step-1.sh")).env_remove("DEPTHLOOM_FRESH").output().expect("sh starts");
     assert_eq!(none.status.code(), Some(2), "{}", errors(&none));
+}
+
+/// A file system of a limited size, until it is dropped. `None` without the permission to mount one.
+struct SmallDisk(PathBuf);
+
+impl SmallDisk {
+    fn mount(test: &str, at: PathBuf, size: &str) -> Option<Self> {
+        fs::create_dir(&at).expect("made");
+        let mounted = Command::new("mount").args(["-t", "tmpfs", "-o", size, "tmpfs"]).arg(&at).output();
+        if mounted.is_ok_and(|output| output.status.success()) {
+            return Some(Self(at));
+        }
+        skipped(test, "this process may not mount a file system");
+        None
+    }
+}
+
+impl Drop for SmallDisk {
+    fn drop(&mut self) {
+        let _ = Command::new("umount").arg(&self.0).output();
+    }
+}
+
+#[test]
+fn a_full_scratch_folder_fails_the_job_which_resumes_with_room() {
+    const TEST: &str = "cluster::a_full_scratch_folder_fails_the_job_which_resumes_with_room";
+    let case = Case::of_table1();
+    let Some(disk) = SmallDisk::mount(TEST, case.at("scratch"), "size=600k") else { return };
+    let mut submit = case.command("submit");
+    submit.args(["--to", "local", "--runs", "runs", "--no-page", "--shards", "2", "--scratch", "scratch"]);
+    let output = submit.output().expect("the binary starts");
+    assert!(!output.status.success(), "600 kB are enough");
+    assert!(errors(&output).contains("No space left"), "{}", errors(&output));
+    assert_eq!(case.state("runs", None, "1-frames-1-of-2"), "failed");
+    drop(disk);
+    succeed(case.plain("jobs").args(["retry", "--runs", "runs"]));
+    case.assert_equal(&case.run_in("runs"));
 }
 
 #[test]
