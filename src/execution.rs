@@ -108,7 +108,7 @@ pub(crate) fn carry_out(
         runs: &runs,
     };
     let (folder, resumable) = make_folder(&request, &plan, &stored, &read)?;
-    let earlier = reuse::earlier_runs(args.is_fresh(), &folder, &args.folder.path(), &plan);
+    let earlier = reuse::earlier_runs(args.is_fresh(), &folder, &args.folder.path(), &plan, &|_| false);
     let unreadable = reuse::unreadable(&earlier);
     print_warnings(args, &unreadable);
     let resumable = Reusable { resumable, earlier }.verified(args, &folder, &ready, None, remote.is_some())?;

@@ -136,7 +136,7 @@ impl Reusable {
         })?;
         Ok(Self {
             resumable: None,
-            earlier: reuse::earlier_runs(args.is_fresh(), folder, &args.folder.path(), &ready.plan),
+            earlier: reuse::earlier_runs(args.is_fresh(), folder, &args.folder.path(), &ready.plan, &|_| false),
         })
     }
 }

@@ -223,7 +223,7 @@ fn run_recorded(
         runs: &runs,
     };
     let (folder, _) = make_folder(&request, plan, &stored, &read)?;
-    let earlier = Arc::new(reuse::earlier_runs(false, &folder, &runs, plan));
+    let earlier = Arc::new(reuse::earlier_runs(false, &folder, &runs, plan, &|_| false));
     print_warnings(args, &reuse::unreadable(&earlier));
     let recorder = match Recorder::create(folder.file(RECORDING), plan) {
         Ok(recorder) => recorder.with_earlier(earlier).durable(args.durable),

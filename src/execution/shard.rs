@@ -72,7 +72,9 @@ pub(crate) fn compute(
     let written = plan.written.iter().map(|(_, text)| text.as_str());
     let git = GitState::of_files(read.iter().map(PathBuf::as_path).zip(written));
     let (run_folder, resumable) = make_folder(&request, &plan, &stored, &read)?;
-    let earlier = reuse::earlier_runs(false, &run_folder, &runs, &plan);
+    // The others of a split have other frames: with thousands, looking into each would cost more than the shard.
+    let skips = |other: &Path| other.file_name() != out.file_name() && shard.shares_no_frame(other);
+    let earlier = reuse::earlier_runs(false, &run_folder, &runs, &plan, &skips);
     let counts: Vec<usize> = ready.runs.iter().map(|run| run.source.frames().len()).collect();
     let share = shard.share(&plan, &counts, earlier.aggregates_in(folder.path()));
     let resumable = Reusable { resumable, earlier }.verified(args, &run_folder, &ready, Some(&share), false)?;

@@ -2,6 +2,7 @@
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::ops::Range;
+use std::path::Path;
 
 use depthloom_graphs::Key;
 use depthloom_graphs::contracts::{Contract, Slot};
@@ -128,6 +129,16 @@ impl Shard {
         }
     }
 
+    /// Whether the shard in another folder, by its name, is of the same split into blocks of frames.
+    #[must_use]
+    pub fn shares_no_frame(&self, other: &Path) -> bool {
+        let Self::Frames { part, .. } = self else { return false };
+        let name = other.file_name().and_then(std::ffi::OsStr::to_str).unwrap_or_default();
+        let name = name.rsplit_once("frames-").map(|(_, block)| block.strip_suffix(".partial").unwrap_or(block));
+        let other = name.and_then(|block| block.replacen("-of-", "/", 1).parse::<Fraction>().ok());
+        other.is_some_and(|other| other.count == part.count && other.number != part.number)
+    }
+
     /// Whether its recording has frames, and not only aggregate values.
     #[must_use]
     pub const fn records_frames(&self) -> bool {
@@ -208,7 +219,9 @@ pub(crate) fn inputs(plan: &Plan, node: NodeRef) -> impl Iterator<Item = NodeRef
 
 #[cfg(test)]
 mod tests {
-    use super::Fraction;
+    use std::path::Path;
+
+    use super::{Fraction, Shard};
 
     #[test]
     fn blocks_cover_everything_once_and_begin_at_multiples() {
@@ -219,6 +232,19 @@ mod tests {
             let sizes: Vec<usize> = blocks.iter().map(|block| block.len().div_ceil(step)).collect();
             assert!(sizes.iter().max().unwrap() - sizes.iter().min().unwrap() <= 1, "{sizes:?}");
         }
+    }
+
+    #[test]
+    fn shards_of_one_split_share_no_frame() {
+        let part = Fraction::new(2, 4).unwrap();
+        let shard = Shard::Frames { part, runs: Vec::new() };
+        for name in ["frames-1-of-4", "3-frames-4-of-4.partial"] {
+            assert!(shard.shares_no_frame(Path::new(name)), "{name}");
+        }
+        for name in ["frames-2-of-4", "frames-1-of-3", "2-learn.train", "variants-1-of-4", "frames-x-of-4"] {
+            assert!(!shard.shares_no_frame(Path::new(name)), "{name}");
+        }
+        assert!(!Shard::Variants { part }.shares_no_frame(Path::new("variants-1-of-4")));
     }
 
     #[test]

@@ -78,34 +78,44 @@ impl FoundRun {
 /// If the folder cannot be read. A folder in it that cannot be read only causes a warning.
 pub fn all(folder: &Path) -> io::Result<Vec<FoundRun>> {
     let mut runs = Vec::new();
-    look_into(folder, "", DEPTH, &mut runs)?;
+    look_into(folder, "", DEPTH, &|_| false, &mut runs)?;
     runs.sort_by(|a, b| (a.time, &a.name).cmp(&(b.time, &b.name)));
     Ok(runs)
 }
 
-/// The runs directly in a folder.
-pub fn in_folder(folder: &Path) -> Vec<FoundRun> {
+/// The runs directly in a folder, without those whose folder `skips` names.
+pub fn in_folder(folder: &Path, skips: &dyn Fn(&Path) -> bool) -> Vec<FoundRun> {
     let mut runs = Vec::new();
     // A folder that cannot be read has no reusable values.
-    let _ = look_into(folder, "", 1, &mut runs);
+    let _ = look_into(folder, "", 1, skips, &mut runs);
     runs
 }
 
-/// The shards of all experiments in a folder of runs. [`all`] leaves them out.
-pub fn shards(folder: &Path) -> Vec<FoundRun> {
+/// The shards of all experiments in a folder of runs, without those whose folder `skips` names. [`all`] leaves out
+/// shards.
+pub fn shards(folder: &Path, skips: &dyn Fn(&Path) -> bool) -> Vec<FoundRun> {
     let inner = |folder: PathBuf| fs::read_dir(folder).into_iter().flatten().flatten().map(|entry| entry.path());
     let plans = inner(folder.to_owned()).filter(|path| is_folder(path)).flat_map(|path| inner(path.join(SHARDS)));
-    plans.filter(|path| is_folder(path)).flat_map(|path| in_folder(&path)).collect()
+    plans.filter(|path| is_folder(path)).flat_map(|path| in_folder(&path, skips)).collect()
 }
 
-fn look_into(folder: &Path, prefix: &str, depth: u32, runs: &mut Vec<FoundRun>) -> io::Result<()> {
+fn look_into(
+    folder: &Path,
+    prefix: &str,
+    depth: u32,
+    skips: &dyn Fn(&Path) -> bool,
+    runs: &mut Vec<FoundRun>,
+) -> io::Result<()> {
     for entry in fs::read_dir(folder)? {
         let (path, file_name) = entry.map(|entry| (entry.path(), entry.file_name()))?;
+        if skips(&path) {
+            continue;
+        }
         let name = format!("{prefix}{}", file_name.to_string_lossy());
         match PathState::at(&path) {
             Ok(PathState::Run) => runs.push(FoundRun { name, time: time(&path), path }),
             Ok(PathState::Other(_)) if depth > 1 && file_name != SHARDS && is_folder(&path) => {
-                if let Err(error) = look_into(&path, &format!("{name}/"), depth - 1, runs) {
+                if let Err(error) = look_into(&path, &format!("{name}/"), depth - 1, skips, runs) {
                     say(format_args!("warning: failed to look into {}: {error}", path.display()));
                 }
             }

@@ -19,13 +19,20 @@ use crate::found::{all, in_folder, shards};
 use crate::run_folder::RunFolder;
 
 /// The recordings that a run may reuse, newest first: those of its own folder, of the runs beside it, and in the folder
-/// of runs. Empty with `--fresh`.
-pub fn earlier_runs(is_fresh: bool, folder: &RunFolder, runs: &Path, plan: &Plan) -> EarlierRuns {
+/// of runs; without those whose folder `skips` names, because they have nothing to reuse. Empty with `--fresh`.
+pub fn earlier_runs(
+    is_fresh: bool,
+    folder: &RunFolder,
+    runs: &Path,
+    plan: &Plan,
+    skips: &dyn Fn(&Path) -> bool,
+) -> EarlierRuns {
     let mut recordings = Vec::new();
     if !is_fresh {
         let mut own = vec![folder.file(RECORDING)];
         own.extend(outdated_files(&folder.partial).into_iter().rev());
-        let found = found(folder.out.parent(), runs).into_iter().filter(|path| !own.contains(path)).collect::<Vec<_>>();
+        let found =
+            found(folder.out.parent(), runs, skips).into_iter().filter(|path| !own.contains(path)).collect::<Vec<_>>();
         recordings.extend(own.into_iter().filter(|path| path.exists()));
         recordings.extend(found);
     }
@@ -85,10 +92,10 @@ pub fn outdated(
 }
 
 /// The recordings of the runs beside `out`, of those that `depthloom runs` lists, and of shards.
-fn found(out: Option<&Path>, runs: &Path) -> Vec<PathBuf> {
+fn found(out: Option<&Path>, runs: &Path, skips: &dyn Fn(&Path) -> bool) -> Vec<PathBuf> {
     let folder = |beside: &Path| if beside.as_os_str().is_empty() { PathBuf::from(".") } else { beside.to_owned() };
-    let siblings = out.into_iter().flat_map(|out| in_folder(&folder(out)));
-    let found = siblings.chain(all(runs).unwrap_or_default()).chain(shards(runs));
+    let siblings = out.into_iter().flat_map(|out| in_folder(&folder(out), skips));
+    let found = siblings.chain(all(runs).unwrap_or_default()).chain(shards(runs, skips));
     let (mut seen, mut recordings) = (BTreeSet::new(), Vec::new());
     for path in found.map(|run| run.path.join(RECORDING)) {
         let Ok(metadata) = std::fs::metadata(&path) else { continue };
@@ -103,7 +110,7 @@ fn found(out: Option<&Path>, runs: &Path) -> Vec<PathBuf> {
 
 /// The recordings that a run at `out` may reuse.
 pub fn beside(out: Option<&Path>, runs: &Path, plan: &Plan) -> EarlierRuns {
-    EarlierRuns::new(found(out.and_then(Path::parent), runs), plan)
+    EarlierRuns::new(found(out.and_then(Path::parent), runs, &|_| false), plan)
 }
 
 /// The number of frames in a recording, over all stage runs.
