@@ -109,11 +109,8 @@ pub(crate) struct Computed {
 
 impl Computed {
     /// Prints where the shard is. Returns the exit code.
-    pub(crate) fn print(&self, args: &RunArgs, next: &str) -> Result<ExitCode, CliError> {
+    pub(crate) fn print(&self) -> Result<ExitCode, CliError> {
         print_path("shard: ", &self.out)?;
-        if !is_silent(args) {
-            say(next);
-        }
         if self.failed == 0 {
             return Ok(ExitCode::Success);
         }

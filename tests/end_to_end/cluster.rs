@@ -333,6 +333,9 @@ fn what_would_mislead_is_refused_by_submit() {
     assert_eq!(case.state("late", None, "4-run"), "failed");
     assert_eq!(fs::read_to_string(case.at("out/mine")).expect("kept"), "mine");
 
+    let retry = case.plain("jobs").args(["retry", "--runs", "late", "--", "--time=9"]).output().expect("starts");
+    assert!(errors(&retry).contains("options after `--`"), "{}", errors(&retry));
+
     // A script without a job does not choose one.
     let none =
         Command::new("sh").arg(shards.join("step-1.sh")).env_remove("DEPTHLOOM_FRESH").output().expect("sh starts");
@@ -471,10 +474,10 @@ fn slurm_jobs_that_fail_are_retried_to_the_same_bytes() {
         cluster.set_environment(&mut submit);
         succeed(submit.args(["--runs", runs, "--no-page", "--shards", "2", "--workers", "1"]).args(more));
     };
-    let retry = |runs: &str| {
+    let retry = |runs: &str, more: &[&str]| {
         let mut retry = case.plain("jobs");
         cluster.set_environment(&mut retry);
-        succeed(retry.args(["retry", "--runs", runs]));
+        succeed(retry.args(["retry", "--runs", runs]).args(more));
         wait(&case, runs, &cluster);
         case.assert_equal(&case.run_in(runs));
     };
@@ -501,7 +504,7 @@ fn slurm_jobs_that_fail_are_retried_to_the_same_bytes() {
     until("killed", "1-frames-1-of-2", &["failed", "stopped"]);
     until("killed", "1-frames-2-of-2", &["finished"]);
     until("killed", "2-run", &["stopped", "waiting"]);
-    retry("killed");
+    retry("killed", &[]);
 
     // Requeued: it resumes by itself.
     submit("requeued", &[]);
@@ -516,8 +519,10 @@ fn slurm_jobs_that_fail_are_retried_to_the_same_bytes() {
     cluster.end_time(&format!("{}_0", array("late")));
     until("late", "1-frames-1-of-2", &["failed", "stopped", "finished"]);
     until("late", "1-frames-2-of-2", &["failed", "stopped", "finished"]);
+    // A shard that ended in time has exceeded its limit for Slurm, too, which then cancels the last run.
+    until("late", "2-run", &["failed", "stopped", "finished"]);
     if case.state("late", Some(&cluster), "2-run") != "finished" {
-        retry("late");
+        retry("late", &["--", "--time=10"]);
     }
     case.assert_equal(&case.run_in("late"));
 
@@ -529,5 +534,6 @@ fn slurm_jobs_that_fail_are_retried_to_the_same_bytes() {
     succeed(cancel.args(["cancel", "--runs", "cancelled"]));
     until("cancelled", "1-frames-1-of-2", &["failed", "stopped", "finished"]);
     until("cancelled", "1-frames-2-of-2", &["failed", "stopped", "finished"]);
-    retry("cancelled");
+    until("cancelled", "2-run", &["failed", "stopped", "finished"]);
+    retry("cancelled", &[]);
 }

@@ -6,12 +6,14 @@ use depthloom_graphs::counted;
 use depthloom_jobs::{JobId, JobState, Scheduler, SubmitLock, damage, slurm, states};
 use depthloom_terminal::{CliError, ExitCode, print, say};
 
+use super::submit::check_options;
 use super::{SubmissionFolder, local, name_of};
 use crate::args::RetryArgs;
 
 /// Submits what is not complete, and does not run.
 pub(crate) fn retry(found: &SubmissionFolder, args: &RetryArgs) -> Result<ExitCode, CliError> {
     let SubmissionFolder { folder, submission } = found;
+    check_options(&args.options, submission.scheduler)?;
     let lock = SubmitLock::take(folder)?;
     let mut states = states(submission, folder)?;
     // A result can be damaged although its folder is there.
@@ -44,13 +46,8 @@ pub(crate) fn retry(found: &SubmissionFolder, args: &RetryArgs) -> Result<ExitCo
         return Ok(ExitCode::Success);
     }
     match submission.scheduler {
-        Scheduler::Slurm => resubmit(found, args, &states, &lock),
-        Scheduler::Local => local::run(
-            &SubmissionFolder { folder: folder.clone(), submission: submission.clone() },
-            lock,
-            args.parallel.map(usize::from),
-            allows_exec(found),
-        ),
+        Scheduler::Slurm => resubmit(found, args, &states),
+        Scheduler::Local => local::run(found, lock, args.parallel.map(usize::from), allows_exec(found)),
         Scheduler::Script => {
             let mut text = list("not complete");
             for job in missing {
@@ -73,7 +70,6 @@ fn resubmit(
     SubmissionFolder { folder, submission }: &SubmissionFolder,
     args: &RetryArgs,
     states: &BTreeMap<JobId, JobState>,
-    _lock: &SubmitLock,
 ) -> Result<ExitCode, CliError> {
     let mut submission = submission.clone();
     if !args.options.is_empty() {

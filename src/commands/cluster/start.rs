@@ -96,7 +96,7 @@ fn perform(
         say(format_args!("{frames} failed; values that depend on them are left out"));
         return Ok(ExitCode::Success);
     }
-    computed.print(&args, "")
+    computed.print()
 }
 
 /// The folder of the run is there: an earlier process of this job wrote it, or it belongs to something else.

@@ -26,16 +26,11 @@ pub(crate) fn submit(args: &SubmitArgs, registry: &Registry) -> Result<ExitCode,
     is_file(&args.experiment)?;
     needs_reuse()?;
     let scheduler = Scheduler::from(args.to);
-    if !args.options.is_empty() && scheduler != Scheduler::Slurm {
-        return Err(CliError::usage("options after `--` are those of sbatch, for --to slurm", "leave them out"));
-    }
+    check_options(&args.options, scheduler)?;
     let loaded = load(&args.experiment, registry, false)?;
     allow_exec::decide(args.exec, Some((&args.experiment.experiment, &loaded)))?;
     let plan = &loaded.plan;
     needs_permission(args, plan)?;
-    if let Some(what) = slurm::refused_option(&args.options) {
-        return Err(CliError::usage(what, "leave it out; `depthloom submit --help` has the options that exist"));
-    }
     let runs = absolute(&args.folder.path())?;
     let folder = shard_folder(&runs, plan)?;
     let mut frames = Vec::new();
@@ -102,6 +97,17 @@ pub(crate) fn submit(args: &SubmitArgs, registry: &Registry) -> Result<ExitCode,
             print(instructions(&found.submission, folder.path()))?;
             Ok(ExitCode::Success)
         }
+    }
+}
+
+/// Refuses options of `sbatch` that cannot be passed on.
+pub(super) fn check_options(options: &[String], scheduler: Scheduler) -> Result<(), CliError> {
+    if !options.is_empty() && scheduler != Scheduler::Slurm {
+        return Err(CliError::usage("options after `--` are those of sbatch, for --to slurm", "leave them out"));
+    }
+    match slurm::refused_option(options) {
+        Some(what) => Err(CliError::usage(what, "leave it out; `depthloom submit --help` has the options that exist")),
+        None => Ok(()),
     }
 }
 

@@ -5,7 +5,7 @@ use depthloom_graphs::ready::Ready;
 use depthloom_graphs::{Registry, counted};
 use depthloom_jobs::{Fraction, Shard, ShardFolder};
 use depthloom_runner::Unwatched;
-use depthloom_terminal::{CliError, ExitCode};
+use depthloom_terminal::{CliError, ExitCode, say};
 
 use crate::allow_exec;
 use crate::args::{RunArgs, SplitBy};
@@ -33,14 +33,14 @@ pub(crate) fn run(args: &RunArgs, registry: &Registry) -> Result<ExitCode, CliEr
     let out = shards.shard(&shard.name());
     let computed = compute(args, loaded, ready, &interrupt, &shard, (&shards, &out), &Unwatched)?;
     let missing = shards.missing(false).len();
-    computed.print(
-        args,
-        &match missing {
+    if !is_silent(args) {
+        say(match missing {
             0 => "all shards are complete: the same command without --shard joins them".to_owned(),
             1 => "one shard is missing; then the same command without --shard joins all".to_owned(),
             _ => format!("{missing} shards are missing; then the same command without --shard joins all"),
-        },
-    )
+        });
+    }
+    computed.print()
 }
 
 fn shard_of(part: Fraction, by: SplitBy, plan: &Plan) -> Result<Shard, CliError> {
