@@ -423,6 +423,42 @@ stages:
 }
 
 #[test]
+fn a_job_that_still_writes_its_report_runs() {
+    let case = Case::of_many_frames();
+    // Slurm's commands, as far as a submission needs them.
+    let programs = case.at("programs");
+    fs::create_dir(&programs).expect("made");
+    for (name, script) in [
+        ("sbatch", "echo x >> submitted; wc -l < submitted"),
+        ("squeue", "echo '2|0|RUNNING|None'"),
+        ("scontrol", "echo MaxArraySize = 1001"),
+    ] {
+        use std::os::unix::fs::PermissionsExt as _;
+        let file = programs.join(name);
+        fs::write(&file, format!("#!/bin/sh\n{script}\n")).expect("written");
+        fs::set_permissions(&file, fs::Permissions::from_mode(0o755)).expect("an owner may do that");
+    }
+    let path = format!("{}:{}", programs.display(), std::env::var("PATH").expect("a PATH"));
+    succeed(case.command("submit").args(["--runs", "runs", "--no-page", "--shards", "1"]).env("PATH", &path));
+    let folder = case.shards("runs");
+    for step in 1..=2 {
+        succeed(Command::new("sh").arg(folder.join(format!("step-{step}.sh"))).arg("0").env_remove("DEPTHLOOM_FRESH"));
+    }
+    let state = || {
+        let output = succeed(case.plain("jobs").args(["--runs", "runs", "--json"]).env("PATH", &path));
+        let jobs: Json = serde_json::from_slice(&output.stdout).expect("JSON");
+        jobs["jobs"][1]["state"].as_str().expect("text").to_owned()
+    };
+    assert_eq!(state(), "finished");
+    // The recording is in its place before the process ends.
+    let file = folder.join("progress/2-0.json");
+    let text = fs::read_to_string(&file).expect("progress");
+    assert!(text.contains("\"finished\""), "{text}");
+    fs::write(&file, text.replace("\"finished\"", "\"running\"")).expect("written");
+    assert_eq!(state(), "running");
+}
+
+#[test]
 fn slurm_runs_job_arrays_to_the_bytes_of_one_run() {
     const TEST: &str = "cluster::slurm_runs_job_arrays_to_the_bytes_of_one_run";
     let Some(cluster) = Cluster::start(TEST) else { return };

@@ -69,9 +69,9 @@ impl JobState {
 /// # Errors
 /// If Slurm cannot be asked.
 pub fn states(submission: &Submission, folder: &Path) -> Result<BTreeMap<JobId, JobState>, CliError> {
-    // Slurm is not asked about what is complete: it may not be there any more.
-    let is_complete = submission.jobs().all(|job| submission.result(folder, job).join(RECORDING).is_file());
-    let known = if is_complete { BTreeMap::new() } else { task_states(&submission.slurm)? };
+    // Slurm is not asked about finished jobs: it may not be there any more.
+    let are_finished = submission.jobs().all(|job| is_finished(submission, folder, job));
+    let known = if are_finished { BTreeMap::new() } else { task_states(&submission.slurm)? };
     // Of a job that was submitted again, the last task counts.
     let mut tasks = BTreeMap::new();
     for array in &submission.slurm {
@@ -83,15 +83,19 @@ pub fn states(submission: &Submission, folder: &Path) -> Result<BTreeMap<JobId, 
     Ok(submission.jobs().map(state).collect())
 }
 
+/// Whether a job has ended with its result. The folder of a shard belongs to its job alone; that of the run may be
+/// another run's, or that of a job that has yet to write the report.
+fn is_finished(submission: &Submission, folder: &Path, job: JobId) -> bool {
+    let has_ended = || JobProgress::read(folder, job).is_some_and(|progress| progress.ending == JobEnd::Finished);
+    (!submission.steps[job.step].is_run() || has_ended()) && submission.result(folder, job).join(RECORDING).is_file()
+}
+
 fn state(submission: &Submission, folder: &Path, job: JobId, task: Option<&TaskState>) -> JobState {
-    let result = submission.result(folder, job);
-    let progress = JobProgress::read(folder, job);
-    // The folder of a shard belongs to its job alone; that of the run may be another run's.
-    let is_known = !submission.steps[job.step].is_run()
-        || progress.as_ref().is_some_and(|progress| progress.ending == JobEnd::Finished);
-    if is_known && result.join(RECORDING).is_file() {
+    if is_finished(submission, folder, job) {
         return JobState::Finished;
     }
+    let result = submission.result(folder, job);
+    let progress = JobProgress::read(folder, job);
     if let Some(task) = task.filter(|task| task.is_active()) {
         return match progress {
             Some(JobProgress { frames, of, message, host, .. }) if task.is_running() => {
