@@ -12,7 +12,7 @@ use depthloom_graphs::registry::SourceEntry;
 use depthloom_graphs::{Context, ErrorMessage, Fault, Frame, Port, Registry, Scratch, Source, Value, counted};
 use depthloom_nodes::needs_baseline;
 use depthloom_terminal::{CliError, ExitCode, Problem};
-use depthloom_threads::{Budget, Tiles as _, into_unlocked, locked};
+use depthloom_threads::{Budget, in_order, into_unlocked, locked};
 use schemars::JsonSchema;
 use serde::Serialize;
 use serde_json::Value as Json;
@@ -209,11 +209,10 @@ fn each_frame(
     seen: (&WarningCollector, &There),
     progress: &FrameProgress,
 ) -> Vec<FrameFault> {
-    let found: Mutex<Vec<(FrameIndex, Vec<FrameFault>)>> = Mutex::default();
     let frames = source.frames();
     let budget = Budget::new(workers);
     let _own = budget.permit();
-    budget.run(frames.len(), &|tile| {
+    let found = in_order(&budget, frames.len(), |tile| {
         let position = FrameIndex(tile);
         let frame = &frames[position];
         let mut scratch = Scratch::default();
@@ -222,13 +221,9 @@ fn each_frame(
             vec![FrameFault::new(Some(frame), &Fault::new(format!("the source panicked {}", panic.0)))]
         });
         progress.one_more(faults.len() as u64);
-        if !faults.is_empty() {
-            locked(&found).push((position, faults));
-        }
+        faults
     });
-    let mut found = into_unlocked(found);
-    found.sort_by_key(|(position, _)| *position);
-    found.into_iter().flat_map(|(_, faults)| faults).collect()
+    found.into_iter().flatten().collect()
 }
 
 fn frame_faults(

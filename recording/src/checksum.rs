@@ -4,6 +4,7 @@
 //! bytes before them: an unfinished file can be checked, byte for byte, up to the last such record.
 
 use std::collections::BTreeMap;
+use std::ops::Range;
 
 use crc32fast::Hasher;
 use depthloom_graphs::Key;
@@ -35,6 +36,13 @@ fn sum(name: &str, values: &BTreeMap<String, String>) -> Key {
     entries.fold(builder, |builder, (key, value)| builder.text(key).text(value)).finish()
 }
 
+/// The CRC-32 of a range of a file, to be combined with that of the bytes before it.
+pub(crate) fn crc_of(file: &PositionedFile, range: Range<u64>) -> Result<Hasher, FileError> {
+    let mut section = CrcBefore::starting_at(file, range.start);
+    section.up_to(range.end)?;
+    Ok(section.crc)
+}
+
 /// The CRC-32 of a file's bytes before an offset; offsets only increase.
 pub(crate) struct CrcBefore<'a> {
     file: &'a PositionedFile,
@@ -45,7 +53,11 @@ pub(crate) struct CrcBefore<'a> {
 
 impl<'a> CrcBefore<'a> {
     pub(crate) fn new(file: &'a PositionedFile) -> Self {
-        Self { file, crc: Hasher::new(), at: 0, block: Vec::new() }
+        Self::starting_at(file, 0)
+    }
+
+    fn starting_at(file: &'a PositionedFile, at: u64) -> Self {
+        Self { file, crc: Hasher::new(), at, block: Vec::new() }
     }
 
     /// Sets the CRC-32 of all bytes before an offset, where it is known.

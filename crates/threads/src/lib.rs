@@ -27,4 +27,4 @@ pub use cores::{Cores, SLURM_VARIABLE, core_count, cores};
 pub use locks::{into_unlocked, locked};
 pub use panics::{Caught, caught, resume};
 pub use room::look_for_room;
-pub use tiles::{Serial, Tiles, rounds_in_one_run};
+pub use tiles::{Serial, Tiles, in_order, rounds_in_one_run};

@@ -1,6 +1,6 @@
 //! Tiles: the independent pieces of a call that may run on several threads.
 
-use crate::locked;
+use crate::{into_unlocked, locked};
 use std::sync::Mutex;
 use std::sync::atomic::{AtomicUsize, Ordering};
 use std::thread::ThreadId;
@@ -40,6 +40,18 @@ impl Tiles for Serial {
     fn width(&self) -> usize {
         1
     }
+}
+
+/// The results of `f(0)`, ..., `f(n - 1)`, in this order, whichever thread computed which.
+pub fn in_order<R: Send>(tiles: &dyn Tiles, n: usize, f: impl Fn(usize) -> R + Sync) -> Vec<R> {
+    let results: Mutex<Vec<(usize, R)>> = Mutex::new(Vec::with_capacity(n));
+    tiles.run(n, &|index| {
+        let result = f(index);
+        locked(&results).push((index, result));
+    });
+    let mut results = into_unlocked(results);
+    results.sort_unstable_by_key(|(index, _)| *index);
+    results.into_iter().map(|(_, result)| result).collect()
 }
 
 /// How often a thread that waits for others looks again at once, before it lets other threads go first: some tens of
@@ -129,8 +141,21 @@ mod tests {
     use std::sync::Mutex;
     use std::sync::atomic::{AtomicUsize, Ordering};
 
-    use super::{Serial, Tiles, rounds_in_one_run};
+    use super::{Serial, Tiles, in_order, rounds_in_one_run};
     use crate::Budget;
+
+    #[test]
+    fn results_are_in_the_order_of_their_indices() {
+        for width in [1, 4] {
+            let budget = Budget::new(width);
+            let _own = budget.permit();
+            let results = in_order(&budget, 100, |index| {
+                std::thread::sleep(std::time::Duration::from_micros(100 - index as u64));
+                index * index
+            });
+            assert!(results.into_iter().eq((0..100).map(|index| index * index)));
+        }
+    }
 
     #[test]
     fn serial_runs_each_index_once_in_order() {

@@ -3,10 +3,13 @@
 //! Reading checks what it reads. This module checks all other bytes: commits, metadata records and the end of the data
 //! contain the CRC-32 of all bytes before them, and a chunk contains the CRC-32 of its content.
 
-use depthloom_graphs::plan::{FrameIndex, RunId};
 use std::collections::BTreeSet;
 
-use crate::checksum::CrcBefore;
+use crc32fast::Hasher;
+use depthloom_graphs::plan::{FrameIndex, RunId};
+use depthloom_threads::{Budget, Tiles, core_count, in_order};
+
+use crate::checksum::crc_of;
 use crate::read::chunk_messages::ChunkBuffers;
 use crate::read::damaged_content::DamagedContent;
 use crate::read::index::{ChunkEntry, DATA_END};
@@ -28,48 +31,51 @@ impl Recording {
     /// damaged, too.
     ///
     /// [`Recording::open`] checks every byte of a file that is unfinished or whose summary is damaged: then the result
-    /// is empty. Ends early if `stop` returns true, which is called once per frame.
+    /// is empty. Works on all cores. Ends early if `stop` returns true, which is called before each chunk.
     #[must_use]
-    pub fn damage(&self, stop: &dyn Fn() -> bool) -> Vec<Damage> {
+    pub fn damage(&self, stop: &(dyn Fn() -> bool + Sync)) -> Vec<Damage> {
         let Some(data_end) = self.index.data_end else { return Vec::new() };
         let of_metadata = self.index.metadata.iter().map(|metadata| (metadata.offset, metadata.crc_before));
         let mut sealed: Vec<(u64, u32)> = self.sealed.iter().copied().chain(of_metadata).chain([data_end]).collect();
         sealed.sort_unstable();
+        let budget = Budget::new(core_count());
+        let _own = budget.permit();
+        let starts: Vec<u64> = std::iter::once(0).chain(sealed.iter().map(|(place, _)| *place)).collect();
+        let sections = in_order(&budget, sealed.len(), |section| {
+            (!stop()).then(|| crc_of(&self.file, starts[section]..starts[section + 1]))
+        });
         let mut damage = Vec::new();
-        let (mut crc, mut from) = (CrcBefore::new(&self.file), 0);
-        for (place, stated) in sealed {
-            if stop() {
-                break;
-            }
-            if !crc.up_to(place).is_ok_and(|found| found == stated) {
+        let mut crc = Hasher::new();
+        for ((section, from), (place, stated)) in sections.into_iter().zip(starts).zip(sealed) {
+            let Some(section) = section else { break };
+            let is_read = section.map(|section| crc.combine(&section)).is_ok();
+            if !is_read || crc.clone().finalize() != stated {
                 // The record of the end may itself be damaged.
                 let to = if place == data_end.0 { place + DATA_END } else { place };
                 self.find_damage(from, to, &mut damage);
-                crc.set_known(place, stated);
+                crc = Hasher::new_with_initial(stated);
             }
-            from = place;
         }
-        self.find_damaged_chunks(stop, &mut damage);
+        self.find_damaged_chunks(&budget, stop, &mut damage);
         damage
     }
 
     /// Finds chunks whose content is damaged although their stored bytes have the right checksum: the damage happened
     /// before they were copied here.
-    fn find_damaged_chunks(&self, stop: &dyn Fn() -> bool, damage: &mut Vec<Damage>) {
+    fn find_damaged_chunks(&self, tiles: &dyn Tiles, stop: &(dyn Fn() -> bool + Sync), damage: &mut Vec<Damage>) {
+        /// Chunks that are read into the same buffers.
+        const AT_ONCE: usize = 16;
         let known: BTreeSet<u64> = damage.iter().map(|damage| damage.offset).collect();
-        let mut buffers = ChunkBuffers::default();
-        for (place, chunk) in self.index.chunks.iter().enumerate() {
-            if stop() {
-                break;
-            }
-            if !known.contains(&chunk.start) && buffers.each_message(&self.file, chunk, |_| Ok(())).is_err() {
-                damage.push(Damage {
-                    offset: chunk.start,
-                    bytes: chunk.length,
-                    content: self.damaged_content(place, chunk),
-                });
-            }
-        }
+        let chunks = &self.index.chunks;
+        let found = in_order(tiles, chunks.len().div_ceil(AT_ONCE), |tile| {
+            let mut buffers = ChunkBuffers::default();
+            let mut is_damaged = |chunk: &ChunkEntry| {
+                !stop() && !known.contains(&chunk.start) && buffers.each_message(&self.file, chunk, |_| Ok(())).is_err()
+            };
+            let places = AT_ONCE * tile..chunks.len().min(AT_ONCE * (tile + 1));
+            places.filter(|place| is_damaged(&chunks[*place])).collect::<Vec<usize>>()
+        });
+        damage.extend(found.into_iter().flatten().map(|place| self.damaged_chunk(place)));
         damage.sort_by_key(|damage| damage.offset);
     }
 
@@ -79,11 +85,7 @@ impl Recording {
         let mut buffers = ChunkBuffers::default();
         for (place, chunk) in self.index.chunks.iter().enumerate() {
             if (from..to).contains(&chunk.start) && buffers.each_message(&self.file, chunk, |_| Ok(())).is_err() {
-                damage.push(Damage {
-                    offset: chunk.start,
-                    bytes: chunk.length,
-                    content: self.damaged_content(place, chunk),
-                });
+                damage.push(self.damaged_chunk(place));
             }
         }
         for attachment in &self.index.attachments {
@@ -96,6 +98,12 @@ impl Recording {
             damage.push(Damage { offset: from, bytes: to - from, content: DamagedContent::NoValue });
         }
         damage[found..].sort_by_key(|damage| damage.offset);
+    }
+
+    /// A damaged chunk, by its index among the chunks.
+    fn damaged_chunk(&self, place: usize) -> Damage {
+        let chunk = &self.index.chunks[place];
+        Damage { offset: chunk.start, bytes: chunk.length, content: self.damaged_content(place, chunk) }
     }
 
     /// The content of a chunk, by its index among the chunks.

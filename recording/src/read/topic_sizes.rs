@@ -38,7 +38,7 @@ impl Recording {
     /// # Errors
     /// If the file cannot be read, or an index of messages is damaged. Message indexes have no checksum, so the counts
     /// are compared with those in the summary.
-    pub fn topic_sizes(&self, stop: &dyn Fn() -> bool) -> Result<Vec<TopicSize>, RecordingError> {
+    pub fn topic_sizes(&self, stop: &(dyn Fn() -> bool + Sync)) -> Result<Vec<TopicSize>, RecordingError> {
         let mut by_channel: BTreeMap<u16, RawSizes> = BTreeMap::new();
         let mut bytes = Vec::new();
         for chunk in self.index.chunks.iter().take_while(|_| !stop()) {

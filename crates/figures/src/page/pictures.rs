@@ -10,7 +10,6 @@ use std::fs::File;
 use std::io::{self, Read, Seek as _, SeekFrom, Write};
 use std::ops::Range;
 use std::path::Path;
-use std::sync::Mutex;
 
 use base64::Engine as _;
 use base64::prelude::BASE64_STANDARD;
@@ -19,7 +18,7 @@ use depthloom_graphs::plan::{FrameIndex, RunId};
 use depthloom_graphs::values::{Image, Pixels};
 use depthloom_recording::Recording;
 use depthloom_scores::Settings;
-use depthloom_threads::{Budget, Tiles as _, caught, core_count, into_unlocked, locked};
+use depthloom_threads::{Budget, caught, core_count, in_order};
 use image::ExtendedColorType;
 use image::codecs::jpeg::JpegEncoder;
 use serde_json::{Value as Json, json};
@@ -409,14 +408,12 @@ fn all_at_once(
     threads: usize,
     make: &(dyn Fn(FrameIndex) -> Result<Made, PageError> + Sync),
 ) -> Result<Vec<Made>, PageError> {
-    let made: Mutex<BTreeMap<usize, Result<Made, PageError>>> = Mutex::new(BTreeMap::new());
     let budget = Budget::new(threads.max(1));
     let _own = budget.permit();
-    budget.run(positions.len(), &|tile| {
-        let result = caught(|| make(positions[tile])).unwrap_or_else(|panic| Err(panic.into()));
-        locked(&made).insert(tile, result);
+    let made = in_order(&budget, positions.len(), |tile| {
+        caught(|| make(positions[tile])).unwrap_or_else(|panic| Err(panic.into()))
     });
-    into_unlocked(made).into_values().collect()
+    made.into_iter().collect()
 }
 
 fn frame(
