@@ -4,6 +4,7 @@ pub mod bm;
 pub mod census;
 pub mod depth;
 pub mod fill;
+mod lanes;
 pub mod left_right;
 pub mod params;
 pub mod rectify;

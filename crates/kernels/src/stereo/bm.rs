@@ -39,6 +39,7 @@
 mod check;
 mod choice;
 mod compute;
+mod fast;
 mod params;
 mod prefilter;
 mod search;

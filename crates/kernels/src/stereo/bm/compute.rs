@@ -7,6 +7,7 @@ use std::sync::Mutex;
 
 use super::check::RightView;
 use super::choice::{first_of, is_rivalled, refined};
+use super::fast::{FastSums, Kernels};
 use super::search::Search;
 use super::sums::{Pair, Sum, accumulate, advance, fit_16_bits, shift, widen};
 use super::{Params, prefilter};
@@ -62,8 +63,10 @@ pub struct BmScratch {
 
 #[derive(Debug, Default)]
 struct Band {
+    fast: FastSums,
     sums_16: Sums<u16>,
     sums_32: Sums<u32>,
+    texture: Texture,
     disparity: Vec<i16>,
     cost: Vec<i32>,
     right_view: RightView,
@@ -75,8 +78,6 @@ struct Sums<S> {
     columns: Vec<S>,
     /// By candidate, over the block.
     block: Vec<S>,
-    /// By column, the texture over the block's height.
-    texture: Vec<i32>,
 }
 
 /// Least rows of a band. Its first row costs as much as half a block of others.
@@ -108,16 +109,36 @@ pub fn compute(
     out.fill(params.invalid());
     if let Some(search) = Search::new(params, width, height) {
         let images = [left, right];
-        compute_at(Level::best(), fit_16_bits(&search), &search, params, images, scratch, tiles, out);
+        let level = Level::best();
+        compute_at(level, SumKind::best(level, &search), &search, params, images, scratch, tiles, out);
     }
     Ok(())
 }
 
-/// [`compute`] with everything checked, for one instruction set and with sums of 16 bits (`narrow`) or 32.
+/// Which sums are kept.
+#[derive(Clone, Copy)]
+enum SumKind {
+    Fast(Kernels),
+    Bits16,
+    Bits32,
+}
+
+impl SumKind {
+    /// The fastest that gives the right sums.
+    fn best(level: Level, search: &Search) -> Self {
+        match Kernels::new(level, search) {
+            Some(kernels) => Self::Fast(kernels),
+            None if fit_16_bits(search) => Self::Bits16,
+            None => Self::Bits32,
+        }
+    }
+}
+
+/// [`compute`] with everything checked, for one instruction set and one kind of sums.
 #[expect(clippy::too_many_arguments, reason = "the arguments of `compute`, and what it chose")]
 fn compute_at(
     level: Level,
-    narrow: bool,
+    kind: SumKind,
     search: &Search,
     params: &Params,
     [left, right]: [&[u8]; 2],
@@ -139,12 +160,19 @@ fn compute_at(
     in_bands(tiles, search.kept_rows(), width, &mut out[top..], &|rows, out| {
         let lock = || locked(bands);
         let mut band = lock().pop().unwrap_or_default();
-        let Band { sums_16, sums_32, disparity, cost, right_view } = &mut band;
+        let Band { fast, sums_16, sums_32, texture, disparity, cost, right_view } = &mut band;
         let row_output = (disparity, cost, right_view);
-        if narrow {
-            level.run(BandRows { search, images: &images, rows, sums: sums_16, row_output, out });
-        } else {
-            level.run(BandRows { search, images: &images, rows, sums: sums_32, row_output, out });
+        let images = &images;
+        match kind {
+            SumKind::Fast(kernels) => {
+                BandRows { search, images, rows, sums: &mut (kernels, fast), texture, row_output, out }.run();
+            }
+            SumKind::Bits16 => {
+                level.run(BandRows { search, images, rows, sums: sums_16, texture, row_output, out });
+            }
+            SumKind::Bits32 => {
+                level.run(BandRows { search, images, rows, sums: sums_32, texture, row_output, out });
+            }
         }
         lock().push(band);
     });
@@ -190,36 +218,83 @@ impl<'a> Images<'a> {
     }
 }
 
+/// By column, the texture over the block's height.
+#[derive(Debug, Default)]
+struct Texture(Vec<i32>);
+
+impl Texture {
+    fn start(&mut self, search: &Search) {
+        self.0.clear();
+        self.0.resize(search.columns + 2 * search.radius, 0);
+    }
+
+    #[inline(always)]
+    fn advance(&mut self, search: &Search, entering: Pair<'_>, leaving: Option<Pair<'_>>) {
+        let of = |row: &Pair<'_>, column| i32::from(row.left[search.left(column)].abs_diff(search.cap));
+        for (texture, column) in self.0.iter_mut().zip(-(search.radius as isize)..) {
+            *texture += of(&entering, column) - leaving.as_ref().map_or(0, |leaving| of(leaving, column));
+        }
+    }
+}
+
+/// The sums of a band's rows.
+trait RowSums {
+    fn start(&mut self, search: &Search);
+    /// Adds a row to the sums of columns, and takes off another.
+    fn advance(&mut self, search: &Search, entering: Pair<'_>, leaving: Option<Pair<'_>>);
+    /// Answers of the searched columns, at their places in the row; the rest of `disparity` stays. `texture` is that of
+    /// each column.
+    fn answer(&mut self, search: &Search, texture: &[i32], disparity: &mut [i16], cost: &mut [i32]);
+}
+
+impl RowSums for (Kernels, &mut FastSums) {
+    fn start(&mut self, search: &Search) {
+        self.1.start(search);
+    }
+
+    fn advance(&mut self, search: &Search, entering: Pair<'_>, leaving: Option<Pair<'_>>) {
+        self.1.advance(self.0, search, entering, leaving);
+    }
+
+    fn answer(&mut self, search: &Search, texture: &[i32], disparity: &mut [i16], cost: &mut [i32]) {
+        self.1.answer(self.0, search, texture, disparity, cost);
+    }
+}
+
 struct BandRows<'a, S> {
     search: &'a Search,
     images: &'a Images<'a>,
     rows: Range<usize>,
-    sums: &'a mut Sums<S>,
+    sums: &'a mut S,
+    texture: &'a mut Texture,
     row_output: (&'a mut Vec<i16>, &'a mut Vec<i32>, &'a mut RightView),
     out: &'a mut [i16],
 }
 
-impl<S: Sum> Pass for BandRows<'_, S> {
+impl<S: RowSums> Pass for BandRows<'_, S> {
     type Output = ();
 
     #[inline(always)]
     fn run(self) {
-        let Self { search, images, rows, sums, row_output: (disparity, cost, right_view), out } = self;
+        let Self { search, images, rows, sums, texture, row_output: (disparity, cost, right_view), out } = self;
         let (width, radius) = (search.width, search.radius);
         let columns = search.kept_columns();
         for (place, y) in rows.clone().enumerate() {
             if place == 0 {
                 sums.start(search);
-                for y in y - radius..=y + radius {
-                    sums.add_row(search, images.row(width, y));
-                }
-            } else {
-                sums.next_row(search, images.row(width, y + radius), images.row(width, y - radius - 1));
+                texture.start(search);
+            }
+            let entering = if place == 0 { y - radius..=y + radius } else { y + radius..=y + radius };
+            let leaving = (place > 0).then(|| images.row(width, y - radius - 1));
+            for entering in entering {
+                let entering = images.row(width, entering);
+                sums.advance(search, entering, leaving);
+                texture.advance(search, entering, leaving);
             }
             disparity.clear();
             disparity.resize(search.first_column + search.columns, search.invalid);
             cost.resize(disparity.len(), 0);
-            sums.answer_row(search, disparity, cost);
+            sums.answer(search, &texture.0, disparity, cost);
             if let Some(max_diff) = search.disp12_max_diff {
                 right_view.check(search, max_diff, disparity, cost);
             }
@@ -233,49 +308,45 @@ impl<S: Sum> Pass for BandRows<'_, S> {
     }
 }
 
-impl<S: Sum> Sums<S> {
+impl<S: Sum> RowSums for Sums<S> {
     fn start(&mut self, search: &Search) {
         let columns = search.columns + 2 * search.radius;
         self.columns.clear();
         self.columns.resize(columns * search.disparities, S::default());
-        self.texture.clear();
-        self.texture.resize(columns, 0);
     }
 
     #[inline(always)]
-    fn add_row(&mut self, search: &Search, entering: Pair<'_>) {
-        let sums = self.columns.chunks_exact_mut(search.disparities).zip(&mut self.texture);
-        for ((sums, texture), column) in sums.zip(-(search.radius as isize)..) {
-            let entering = entering.column(search, column);
-            accumulate(sums, &entering);
-            *texture += i32::from(entering.left.abs_diff(search.cap));
+    fn advance(&mut self, search: &Search, entering: Pair<'_>, leaving: Option<Pair<'_>>) {
+        let columns = self.columns.chunks_exact_mut(search.disparities).zip(-(search.radius as isize)..);
+        match leaving {
+            None => columns.for_each(|(sums, column)| accumulate(sums, &entering.column(search, column))),
+            Some(leaving) => columns.for_each(|(sums, column)| {
+                advance(sums, &entering.column(search, column), &leaving.column(search, column));
+            }),
         }
     }
 
     #[inline(always)]
-    fn next_row(&mut self, search: &Search, entering: Pair<'_>, leaving: Pair<'_>) {
-        let sums = self.columns.chunks_exact_mut(search.disparities).zip(&mut self.texture);
-        for ((sums, texture), column) in sums.zip(-(search.radius as isize)..) {
-            let (entering, leaving) = (entering.column(search, column), leaving.column(search, column));
-            advance(sums, &entering, &leaving);
-            *texture += i32::from(entering.left.abs_diff(search.cap)) - i32::from(leaving.left.abs_diff(search.cap));
-        }
-    }
-
-    /// Answers of the searched columns, at their places in the row; the rest of `disparity` stays.
-    #[inline(always)]
-    fn answer_row(&mut self, search: &Search, disparity: &mut [i16], cost: &mut [i32]) {
+    fn answer(&mut self, search: &Search, texture: &[i32], disparity: &mut [i16], cost: &mut [i32]) {
         // The usual numbers of candidates as constants: loops without remainders.
         match search.disparities {
-            64 => self.answer_row_of::<64>(search, disparity, cost),
-            128 => self.answer_row_of::<128>(search, disparity, cost),
-            _ => self.answer_row_of::<0>(search, disparity, cost),
+            64 => self.answer_of::<64>(search, texture, disparity, cost),
+            128 => self.answer_of::<128>(search, texture, disparity, cost),
+            _ => self.answer_of::<0>(search, texture, disparity, cost),
         }
     }
+}
 
-    /// [`Self::answer_row`] for `N` candidates; 0 stands for any number.
+impl<S: Sum> Sums<S> {
+    /// [`RowSums::answer`] for `N` candidates; 0 stands for any number.
     #[inline(always)]
-    fn answer_row_of<const N: usize>(&mut self, search: &Search, disparity: &mut [i16], cost: &mut [i32]) {
+    fn answer_of<const N: usize>(
+        &mut self,
+        search: &Search,
+        column_texture: &[i32],
+        disparity: &mut [i16],
+        cost: &mut [i32],
+    ) {
         let (candidates, side) = (if N == 0 { search.disparities } else { N }, 2 * search.radius + 1);
         self.block.clear();
         self.block.resize(candidates, S::default());
@@ -286,13 +357,13 @@ impl<S: Sum> Sums<S> {
         }
         // What leaves before the first block is complete: nothing.
         let nothing = vec![S::default(); candidates];
-        let mut texture: i32 = self.texture[..side - 1].iter().sum();
+        let mut texture: i32 = column_texture[..side - 1].iter().sum();
         let row_output = disparity[search.first_column..].iter_mut().zip(&mut cost[search.first_column..]);
         for (x, (disparity, cost)) in row_output.enumerate() {
             let (leaving, flat) =
-                if x == 0 { (&nothing[..candidates], 0) } else { (column(x - 1), self.texture[x - 1]) };
+                if x == 0 { (&nothing[..candidates], 0) } else { (column(x - 1), column_texture[x - 1]) };
             let smallest = shift(block, column(x + side - 1), leaving);
-            texture += self.texture[x + side - 1] - flat;
+            texture += column_texture[x + side - 1] - flat;
             if texture < search.texture_threshold {
                 continue;
             }
@@ -309,10 +380,11 @@ impl<S: Sum> Sums<S> {
 #[cfg(test)]
 mod tests {
     use proptest::prelude::{ProptestConfig, any, proptest};
-    use proptest::{prop_assert_eq, prop_oneof};
+    use proptest::strategy::Just;
+    use proptest::{prop_assert, prop_oneof};
 
-    use super::{BmScratch, Error, compute, compute_at};
-    use crate::simd::every_level;
+    use super::{BmScratch, Error, SumKind, compute, compute_at};
+    use crate::simd::{Level, every_level};
     use crate::stereo::bm::search::Search;
     use crate::stereo::bm::{Params, Prefilter};
     use crate::tiles::Serial;
@@ -364,8 +436,8 @@ mod tests {
         #![proptest_config(ProptestConfig::with_cases(24))]
         #[test]
         fn instruction_sets_and_the_width_of_sums_change_nothing(
-            (width, height) in (60usize..110, 12usize..80),
-            disparities in prop_oneof![proptest::strategy::Just(16), proptest::strategy::Just(48)],
+            (width, height) in (60usize..170, 12usize..80),
+            disparities in prop_oneof![Just(16), Just(32), Just(48), Just(64), Just(96), Just(128)],
             (min_disparity, block) in (-20i32..10, 2i32..5),
             (uniqueness, disp12_max_diff) in (0i32..30, -1i32..3),
             normalized in any::<bool>(),
@@ -376,12 +448,15 @@ mod tests {
             let params = Params { disparities, min_disparity, block, uniqueness, disp12_max_diff, prefilter, ..Params::default() };
             let (left, right) = pair(width, height, 7, seed);
             if let Some(search) = Search::new(&params, width, height) {
-                let matched = |narrow| every_level(|level| {
-                    let mut out = vec![0; width * height];
-                    compute_at(level, narrow, &search, &params, [&left, &right], &mut BmScratch::default(), &Serial, &mut out);
+                let matched = |kind: fn(Level, &Search) -> SumKind| every_level(|level| {
+                    let (mut out, mut scratch) = (vec![0; width * height], BmScratch::default());
+                    let kind = kind(level, &search);
+                    compute_at(level, kind, &search, &params, [&left, &right], &mut scratch, &Serial, &mut out);
                     out
                 });
-                prop_assert_eq!(matched(true), matched(false));
+                let expected = matched(|_, _| SumKind::Bits32);
+                prop_assert!(matched(|_, _| SumKind::Bits16) == expected);
+                prop_assert!(matched(SumKind::best) == expected);
             }
         }
     }

@@ -46,16 +46,11 @@
 
 mod aggregate;
 mod along;
-#[cfg(target_arch = "x86_64")]
-mod avx2;
-#[cfg(target_arch = "x86_64")]
-mod avx512;
 mod bands;
 mod block_costs;
 mod costs;
 mod decide;
 mod kernels;
-mod lanes;
 mod right_view;
 mod row_disparities;
 mod shared;

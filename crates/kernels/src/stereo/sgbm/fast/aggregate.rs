@@ -6,8 +6,8 @@
 //! more: the first and last are the borders that stand beyond the disparities (of this slot's end and of the next
 //! slot's beginning), one in between is the smallest cost plus P2.
 
-use super::lanes::Lanes;
 use super::shared::Shared;
+use crate::stereo::lanes::Lanes;
 use crate::stereo::sgbm::search::Search;
 
 /// Where a slot keeps its smallest cost plus P2, after its costs.

@@ -1,7 +1,7 @@
 //! A path along a row: one step to the next pixel.
 
 use super::aggregate::border;
-use super::lanes::Lanes;
+use crate::stereo::lanes::Lanes;
 use crate::stereo::sgbm::search::Search;
 
 /// The penalties in vectors.

@@ -4,7 +4,7 @@
 //! for its pixel's minimum while the other continues.
 
 use super::along::{Fixed, advance};
-use super::lanes::Lanes;
+use crate::stereo::lanes::Lanes;
 use crate::stereo::sgbm::search::Search;
 
 /// `ROWS` rows at once.

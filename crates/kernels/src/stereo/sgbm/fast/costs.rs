@@ -1,6 +1,6 @@
 //! One row of pixel costs.
 
-use super::lanes::{Lanes, WIDEST};
+use crate::stereo::lanes::{Lanes, WIDEST};
 use crate::stereo::sgbm::prefilter::Plane;
 use crate::stereo::sgbm::search::Search;
 

@@ -1,8 +1,8 @@
 //! The path to the left, which completes the sums, and the decision.
 
 use super::along::{Fixed, advance};
-use super::lanes::{COMPARED, Lanes};
 use super::row_disparities::{DisparitySlots, RowDisparities};
+use crate::stereo::lanes::{COMPARED, Lanes, compare, near_bits};
 use crate::stereo::sgbm::Mode;
 use crate::stereo::sgbm::choice::Choice;
 use crate::stereo::sgbm::maps::ratio;
@@ -234,39 +234,5 @@ unsafe fn second<L: Lanes>(best: i32, sums: &[i16]) -> i16 {
             second = L::min(second, far);
         }
         L::first(L::minimum(second))
-    }
-}
-
-/// Bits of up to 64 sums from `at`: whether they equal `v`, or are less.
-///
-/// # Safety
-/// As [`choose`].
-#[inline(always)]
-unsafe fn compare<L: Lanes, const EQUAL: bool>(sums: &[i16], at: usize, v: L::V) -> u64 {
-    // SAFETY: as the caller guarantees.
-    unsafe {
-        let first = sums.as_ptr().add(at);
-        let low = bits::<L, EQUAL>(first, v);
-        let high = if at + COMPARED < sums.len() { bits::<L, EQUAL>(first.add(COMPARED), v) } else { 0 };
-        u64::from(high) << COMPARED | u64::from(low)
-    }
-}
-
-/// # Safety
-/// As [`choose`].
-#[inline(always)]
-unsafe fn bits<L: Lanes, const EQUAL: bool>(from: *const i16, v: L::V) -> u32 {
-    // SAFETY: as the caller guarantees.
-    unsafe { if EQUAL { L::equal_bits(from, v) } else { L::less_bits(from, v) } }
-}
-
-/// Bits `index - 1`, `index` and `index + 1`, those of them in 0..64.
-#[inline(always)]
-fn near_bits(index: i32) -> u64 {
-    match index {
-        -1 => 1,
-        0..64 => ((0b111_u128 << index) >> 1) as u64,
-        64 => 1 << 63,
-        _ => 0,
     }
 }

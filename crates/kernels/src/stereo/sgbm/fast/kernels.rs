@@ -7,9 +7,9 @@ use super::aggregate::{self, Aggregate};
 use super::block_costs::{self, BlockRows};
 use super::costs::{self, CostRow};
 use super::decide::{self, Decide};
-use super::lanes::{Lanes, Portable};
 use super::right_view::{self, RightRow};
 use crate::filter::median::integer::median3_row;
+use crate::stereo::lanes::{Lanes, Portable};
 use crate::stereo::sgbm::prefilter::Planes;
 use crate::stereo::sgbm::search::Search;
 use crate::stereo::sgbm::view::View;
@@ -103,10 +103,10 @@ macro_rules! compiled {
 
 compiled!(portable, super::Portable);
 #[cfg(target_arch = "x86_64")]
-compiled!(avx2, crate::stereo::sgbm::fast::avx2::Avx2, "avx2");
+compiled!(avx2, crate::stereo::lanes::Avx2, "avx2");
 #[cfg(target_arch = "x86_64")]
 compiled!(
     avx512,
-    crate::stereo::sgbm::fast::avx512::Avx512,
+    crate::stereo::lanes::Avx512,
     "avx2,bmi1,bmi2,lzcnt,popcnt,avx512f,avx512bw,avx512dq,avx512vl,avx512vbmi2"
 );

@@ -6,7 +6,7 @@
 //! pixels that the column can be, in registers; from column to column it moves on by one right pixel, which has then
 //! seen all of its candidates.
 
-use super::lanes::Lanes;
+use crate::stereo::lanes::Lanes;
 use crate::stereo::sgbm::search::Search;
 
 pub(super) struct RightRow<'a> {

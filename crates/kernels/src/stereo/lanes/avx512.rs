@@ -9,10 +9,10 @@ use std::arch::x86_64::{
     _mm512_shldi_epi32, _mm512_shrdi_epi32, _mm512_srli_epi16, _mm512_storeu_si512, _mm512_sub_epi16, _mm512_subs_epu8,
 };
 
-use super::lanes::Lanes;
+use super::Lanes;
 
 #[derive(Clone, Copy)]
-pub(super) struct Avx512;
+pub(in crate::stereo) struct Avx512;
 
 // The bodies below do nothing but name one or a few instructions.
 // `SAFETY: as the trait demands` there means: the instructions were found, and pointers are vouched for; they need no

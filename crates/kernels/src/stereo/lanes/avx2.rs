@@ -9,10 +9,10 @@ use std::arch::x86_64::{
     _mm256_storeu_si256, _mm256_sub_epi16, _mm256_subs_epu8,
 };
 
-use super::lanes::Lanes;
+use super::Lanes;
 
 #[derive(Clone, Copy)]
-pub(super) struct Avx2;
+pub(in crate::stereo) struct Avx2;
 
 #[inline(always)]
 fn bits(a: __m256i, b: __m256i) -> u32 {

@@ -1,21 +1,32 @@
-//! What the fast kernels need of an instruction set: vectors of 16-bit lanes, and of twice as many bytes.
+//! What the fast matchers need of an instruction set: vectors of 16-bit lanes, and of twice as many bytes.
 //!
 //! The kernels are written once over [`Lanes`]. [`Portable`] is plain Rust: it runs on every machine and under Miri,
-//! and the compiler vectorises most of it; [`super::avx2::Avx2`] names the instructions.
+//! and the compiler vectorises most of it; [`Avx2`] and [`Avx512`] name the instructions.
+#![expect(unsafe_code, reason = "vector instructions, and reads and writes of whole vectors")]
 
-pub(super) const COMPARED: usize = 32;
+#[cfg(target_arch = "x86_64")]
+mod avx2;
+#[cfg(target_arch = "x86_64")]
+mod avx512;
+
+#[cfg(target_arch = "x86_64")]
+pub(in crate::stereo) use avx2::Avx2;
+#[cfg(target_arch = "x86_64")]
+pub(in crate::stereo) use avx512::Avx512;
+
+pub(in crate::stereo) const COMPARED: usize = 32;
 
 /// Padding behind a row, bytes: at least a vector, which is read past its end.
-pub(super) const WIDEST: usize = 64;
+pub(in crate::stereo) const WIDEST: usize = 64;
 
 const LANES: usize = 16;
 const BYTES: usize = 32;
 
 /// The operations of an instruction set.
 ///
-/// An implementation is named only in functions that [`super::kernels`] compiled for the instruction set, and a level
+/// An implementation is named only in functions that are compiled for the instruction set, and a level
 /// that was found picks these: so arithmetic is safe to call.
-pub(super) trait Lanes: Copy + 'static {
+pub(in crate::stereo) trait Lanes: Copy + 'static {
     /// `LANES` times `i16`.
     type V: Copy;
     /// `BYTES` times `u8`.
@@ -91,7 +102,7 @@ pub(super) trait Lanes: Copy + 'static {
 }
 
 #[derive(Clone, Copy)]
-pub(super) struct Portable;
+pub(in crate::stereo) struct Portable;
 
 #[inline(always)]
 fn zip<T: Copy, const N: usize>(a: [T; N], b: [T; N], f: impl Fn(T, T) -> T) -> [T; N] {
@@ -212,5 +223,39 @@ impl Lanes for Portable {
     #[inline(always)]
     fn widen(b: Self::B) -> [Self::V; 2] {
         [std::array::from_fn(|i| i16::from(b[i])), std::array::from_fn(|i| i16::from(b[LANES + i]))]
+    }
+}
+
+/// Bits of up to 64 sums from `at`: whether they equal `v`, or are less.
+///
+/// # Safety
+/// The instruction set of `L` must be present; from `at` on there are whole groups of [`COMPARED`] sums.
+#[inline(always)]
+pub(in crate::stereo) unsafe fn compare<L: Lanes, const EQUAL: bool>(sums: &[i16], at: usize, v: L::V) -> u64 {
+    // SAFETY: as the caller guarantees.
+    unsafe {
+        let first = sums.as_ptr().add(at);
+        let low = compared::<L, EQUAL>(first, v);
+        let high = if at + COMPARED < sums.len() { compared::<L, EQUAL>(first.add(COMPARED), v) } else { 0 };
+        u64::from(high) << COMPARED | u64::from(low)
+    }
+}
+
+/// # Safety
+/// [`COMPARED`] values can be read from `from` on, and the instruction set of `L` must be present.
+#[inline(always)]
+unsafe fn compared<L: Lanes, const EQUAL: bool>(from: *const i16, v: L::V) -> u32 {
+    // SAFETY: as the caller guarantees.
+    unsafe { if EQUAL { L::equal_bits(from, v) } else { L::less_bits(from, v) } }
+}
+
+/// Bits `index - 1`, `index` and `index + 1`, those of them in 0..64.
+#[inline(always)]
+pub(in crate::stereo) fn near_bits(index: i32) -> u64 {
+    match index {
+        -1 => 1,
+        0..64 => ((0b111_u128 << index) >> 1) as u64,
+        64 => 1 << 63,
+        _ => 0,
     }
 }
