@@ -3,7 +3,7 @@
 
 use depthloom_codecs::compression;
 use depthloom_codecs::encode::{
-    self, Floats, Stamp, encoded, put_compressed_image, put_float_map, put_inverse, put_true_disparity, put_value,
+    Floats, Stamp, encoded, put_compressed_image, put_float_map, put_inverse, put_true_disparity, put_value,
 };
 use depthloom_codecs::floats::PackedFloats;
 use depthloom_codecs::messages::ScoreMessage;
@@ -16,13 +16,6 @@ use crate::write::part::{Messages, Packing, Unkept};
 /// An image is compressed if a sample of it shrinks to less than this share: otherwise compression takes more time than
 /// it saves in writing.
 const WORTH_COMPRESSING: f64 = 0.5;
-/// A map of floats is compressed directly if a sample of it shrinks to less than this share; others are packed first.
-///
-/// On KITTI frames zstd alone shrinks a ground plane to 0.001, sparse ground truth to 0.15, depths of fixed-point
-/// disparities to 0.25, means of these and a ground plane to 0.32, fused maps to 0.5-0.73 and confidences to 0.8, in
-/// 4-7 ms per map. Packed, they shrink to 0.06, 0.33, 0.38, 0.36, 0.41-0.5 and 0.6, in 1.7 ms.
-const SHRINKS_AS_IT_IS: f64 = 0.2;
-
 /// Messages with fewer bytes are stored uncompressed.
 const SMALL: usize = 1024;
 /// The sample: this many windows of this many bytes, evenly spaced.
@@ -72,7 +65,7 @@ pub(crate) fn put_port_value(
                 Pixels::Grey(grey) => grey,
                 Pixels::Rgb(rgb) => rgb,
             };
-            let is_worth_it = measured(samples, Vec::extend_from_slice)? < WORTH_COMPRESSING;
+            let is_worth_it = measured(samples)? < WORTH_COMPRESSING;
             (if is_worth_it { Packing::Compressed } else { Packing::Plain }, samples.len())
         }
         Value::Scores(rows) => {
@@ -94,28 +87,24 @@ pub(crate) fn put_port_value(
     })
 }
 
-/// Adds a map of floats to a part, compressed directly or packed.
+/// Adds a map of floats to a part, packed.
 fn put_floats(part: &mut impl Messages, channel: u16, stamp: Stamp<'_>, map: &Raster<f32>) -> Result<(), Unkept> {
-    let (size, is_sparse) = (4 * map.len(), measured(map, encode::put_floats)? < SHRINKS_AS_IT_IS);
-    let put = |out: &mut Vec<u8>, floats: &Floats<'_>| put_float_map(out, stamp, map.dimensions(), floats);
-    if is_sparse {
-        return part.alone(channel, Packing::Compressed, size, |out| put(out, &Floats::Plain(map)));
-    }
     let packed = PackedFloats::pack(map).map_err(Unkept::Compression)?;
-    part.alone(channel, Packing::Plain, size / 2, |out| put(out, &Floats::Packed(&packed)))
+    let size = packed.codes.len() + packed.lows.len();
+    part.alone(channel, Packing::Plain, size, |out| {
+        put_float_map(out, stamp, map.dimensions(), &Floats::Packed(&packed));
+    })
 }
 
-/// The share to which zstd shrinks a raster, measured on a few of its samples; `put` appends the bytes of a range of
-/// samples. 1 for rasters that are too small.
-pub(crate) fn measured<T>(samples: &[T], put: impl Fn(&mut Vec<u8>, &[T])) -> Result<f64, Unkept> {
-    let window = WINDOW / size_of::<T>();
+/// The share to which zstd shrinks the samples of an image, measured on a few of them. 1 for images that are too small.
+pub(crate) fn measured(samples: &[u8]) -> Result<f64, Unkept> {
     let mut sample = Vec::with_capacity(WINDOWS * WINDOW);
-    if samples.len() <= WINDOWS * window {
-        put(&mut sample, samples);
+    if samples.len() <= WINDOWS * WINDOW {
+        sample.extend_from_slice(samples);
     } else {
-        let step = (samples.len() - window) / (WINDOWS - 1);
+        let step = (samples.len() - WINDOW) / (WINDOWS - 1);
         for at in (0..WINDOWS).map(|number| number * step) {
-            put(&mut sample, &samples[at..at + window]);
+            sample.extend_from_slice(&samples[at..at + WINDOW]);
         }
     }
     let mut packed = Vec::with_capacity(compression::bound(sample.len()));
@@ -136,7 +125,7 @@ mod tests {
                 (state >> 56) as u8
             })
             .collect();
-        let share = |samples: &[u8]| measured(samples, Vec::extend_from_slice).unwrap();
+        let share = |samples: &[u8]| measured(samples).unwrap();
         assert!(share(&noise) > 0.99);
         assert!(share(&noise.iter().map(|byte| byte % 2).collect::<Vec<u8>>()) < 0.3);
         assert_eq!(share(&[0; 100]), 1.0, "too small to matter");
