@@ -62,6 +62,7 @@ pub fn registry() -> Registry {
 #[expect(clippy::needless_pass_by_value, reason = "a process calls it once, and needs its kinds no longer")]
 pub fn main(registry: Registry) -> std::process::ExitCode {
     depthloom_runs::environment::mark_start();
+    memory::keep_freed();
     grow_stack();
     signals::outlive_file_size_limit();
     let as_json = command_line::asks_for_json(std::env::args_os());
