@@ -359,6 +359,7 @@ fn finish(
             &folder.partial,
             &report,
             &page::surroundings(&folder.partial),
+            args.page.options(),
             is_silent(args),
             interrupt,
         )?;

@@ -43,7 +43,10 @@ pub use input::frame_choice::{FrameChoice, frames_beyond};
 pub use input::paper::paper_scores;
 pub use input::rows::{TopicRows, curve_rows, topic_rows};
 pub use input::timings::{Timing, TimingLatency, read_timings, timings_table, write_timings};
-pub use page::{PAGE, PAGE_MARK, PageWritten, Surroundings, write_page};
+pub use page::{
+    MOST_DETAILED, MOST_LAYERS, MOST_PICTURED, PAGE, PAGE_MARK, PageOptions, PageRuns, PageWritten, Surroundings,
+    write_page,
+};
 pub use query::{Bins, By, FramesOfRun, Inquiry, Outlier, SampleSet, Unit, analyse, frames_of, samples_match};
 pub use report::{Prepared, ReportOptions, Summary, report, report_with};
 pub use samples::{SAMPLES, SamplesWritten, check_samples, write_samples};

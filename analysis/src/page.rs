@@ -3,6 +3,7 @@
 mod choice;
 mod data;
 mod leading;
+mod limits;
 
 use std::io::BufWriter;
 use std::path::Path;
@@ -21,6 +22,7 @@ use crate::input::warnings::warnings;
 use crate::report::Summary;
 use crate::titles::Titles;
 
+pub use limits::{MOST_DETAILED, MOST_LAYERS, MOST_PICTURED, PageRuns};
 pub use page::PAGE_MARK;
 
 /// The file name of the page in the folder of a report.
@@ -33,6 +35,13 @@ pub struct Surroundings {
     pub environment: Json,
     /// The contents of `timings.parquet`.
     pub timings: Vec<Timing>,
+}
+
+/// The options of a page.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct PageOptions {
+    /// The number of frames with pictures of all stage runs with a `score:`; `None`: the usual one.
+    pub frames: Option<usize>,
 }
 
 /// Describes the written page.
@@ -55,15 +64,17 @@ pub fn write_page(
     folder: &Path,
     summary: &Summary,
     surroundings: &Surroundings,
+    options: PageOptions,
     stop: &(dyn Fn() -> bool + Sync),
 ) -> Result<PageWritten, AnalysisError> {
-    caught(|| written(recording, summary, surroundings, Output { folder, stop }))
+    caught(|| written(recording, summary, surroundings, options, Output { folder, stop }))
 }
 
 fn written(
     recording: &Recording,
     summary: &Summary,
     surroundings: &Surroundings,
+    options: PageOptions,
     output: Output<'_>,
 ) -> Result<PageWritten, AnalysisError> {
     let (plan, report) = (recording.plan(), &summary.data);
@@ -71,7 +82,7 @@ fn written(
     let scores = reading::scores(recording, &estimates, output.stop)?;
     let table = report.table.as_ref();
     let shown = choice::estimates_shown(&estimates, table);
-    let mut series = choice::series(recording, &estimates, &shown, table, &scores);
+    let mut series = choice::series(recording, &estimates, &shown, table, &scores, options.frames);
     let mut notes = warnings(recording, None);
     notes.extend(summary.notes.iter().cloned());
     let source = source_keys(recording);

@@ -4,6 +4,7 @@ use std::path::PathBuf;
 
 use clap::{Args, ValueEnum};
 use clap_complete::engine::ArgValueCompleter;
+use depthloom_analysis::PageOptions;
 use depthloom_jobs::Fraction;
 use depthloom_runner::Audit;
 
@@ -98,7 +99,7 @@ pub(crate) struct RunArgs {
     /// `<runs>/<experiment>/shards`. Start all shards, on any machines that share the folder of runs, then `run`
     /// without this option: it reuses them, computes what needs all frames, scores and reports. `submit` does all of
     /// this on a cluster.
-    #[arg(long, value_name = "K/N", conflicts_with_all = ["out", "fresh", "samples", "paper", "no_page", "open", "json"])]
+    #[arg(long, value_name = "K/N", conflicts_with_all = ["out", "fresh", "samples", "paper", "no_page", "page_frames", "open", "json"])]
     pub shard: Option<Fraction>,
 
     /// Split by `frames` (default), or by `variants`, whose ordered and aggregate nodes run too.
@@ -163,6 +164,13 @@ impl From<AuditMode> for Audit {
     }
 }
 
+impl PageArgs {
+    /// The options of the page.
+    pub(crate) fn options(&self) -> PageOptions {
+        PageOptions { frames: self.page_frames.map(|frames| frames as usize) }
+    }
+}
+
 impl RunArgs {
     /// Whether nothing is reused from earlier runs.
     pub(crate) fn is_fresh(&self) -> bool {
@@ -181,9 +189,16 @@ pub(crate) struct PageArgs {
     /// Do not write `report.html`.
     ///
     /// The page has the table, figures, images of frames and the plan, for a browser. It has at most 40 MB. A page of a
-    /// long run has fewer frames (200) and smaller images, a page of many variants has the best ones; it states this.
+    /// long run shows some of the frames, a page of many variants has the best ones; it states this.
     #[arg(long)]
     pub no_page: bool,
+
+    /// Show images of this many frames in `report.html` (default: 12 and a tenth of the others, at most 200).
+    ///
+    /// Half of them are the worst and the best of each estimate, the others are evenly spaced. Of more frames the
+    /// images are smaller, so that the page has at most 40 MB.
+    #[arg(long, value_name = "COUNT", conflicts_with = "no_page", value_parser = clap::value_parser!(u32).range(1..))]
+    pub page_frames: Option<u32>,
 
     /// Open `report.html` in the browser ($BROWSER, or the default one).
     #[arg(long, conflicts_with = "no_page")]

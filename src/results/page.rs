@@ -6,7 +6,7 @@ use std::process::{Command, Stdio};
 use std::thread::sleep;
 use std::time::{Duration, Instant};
 
-use depthloom_analysis::{AnalysisError, PAGE, Summary, Surroundings, read_timings, write_page};
+use depthloom_analysis::{AnalysisError, PAGE, PageOptions, Summary, Surroundings, read_timings, write_page};
 use depthloom_recording::Recording;
 use depthloom_runner::Interrupt;
 use depthloom_runs::{TIMINGS, environment};
@@ -22,6 +22,7 @@ pub(crate) fn write(
     folder: &Path,
     summary: &Summary,
     surroundings: &Surroundings,
+    options: PageOptions,
     is_quiet: bool,
     interrupt: &Interrupt,
 ) -> Result<(), CliError> {
@@ -30,7 +31,7 @@ pub(crate) fn write(
         spinner.enable_steady_tick(Duration::from_millis(200));
         spinner
     });
-    let written = write_page(recording, folder, summary, surroundings, &|| interrupt.stops_admission());
+    let written = write_page(recording, folder, summary, surroundings, options, &|| interrupt.stops_admission());
     spinner.iter().for_each(ProgressBar::finish_and_clear);
     written.map(|_| ()).map_err(|error| match error {
         AnalysisError::Stopped => CliError::new(ExitCode::Interrupted, format!("interrupted while writing {PAGE}")),

@@ -11,24 +11,8 @@ use depthloom_scores::{Align, Metric, PixelSet, Settings};
 
 use crate::ablation::ScoreTable;
 use crate::estimates::Estimate;
+use crate::page::limits::{EXTREMES, MOST_CURVES, MOST_DETAILED, MOST_LAYERS, MOST_PICTURED, MOST_POINTS, PageRuns};
 use crate::scores::FrameScore;
-
-/// The maximum number of estimates with curves, and of those with pictures.
-const MOST_CURVES: usize = 24;
-const MOST_PICTURED: usize = 12;
-/// The maximum number of maps of a stage run.
-const MOST_LAYERS: usize = 32;
-/// The maximum number of frames of all scored stage runs together, of all unscored stage runs together, and of each
-/// unscored stage run.
-const MOST_FRAMES: usize = 200;
-const MOST_UNSCORED: usize = 40;
-const FEW: usize = 10;
-/// The maximum number of frames of a scored stage run with intermediate maps and further images.
-const MOST_DETAILED: usize = 12;
-/// The maximum number of frames in the figure of scores by frame.
-const MOST_POINTS: usize = 1000;
-/// The number of worst and of best frames of each estimate that always have pictures.
-const EXTREMES: usize = 3;
 
 /// The estimates with curves: all, or those that all variants share and the best others by the first metric of the
 /// table.
@@ -59,32 +43,30 @@ fn best(estimates: &[Estimate], table: Option<&ScoreTable>, candidates: &[usize]
     ranked
 }
 
-/// The displayed maps and frames of each stage run with recorded maps.
+/// The displayed maps and frames of each stage run with recorded maps; `frames` is the number of frames that the user
+/// wants.
 pub(super) fn series(
     recording: &Recording,
     estimates: &[Estimate],
     shown: &[usize],
     table: Option<&ScoreTable>,
     scores: &[FrameScore],
+    frames: Option<usize>,
 ) -> Vec<Series> {
     let plan = recording.plan();
     let mut all: Vec<Series> =
         RunId::all(plan.runs.len()).filter_map(|run| layers(recording, estimates, shown, table, run)).collect();
     let is_scored = |series: &Series| series.layers.iter().any(|layer| !layer.estimates.is_empty());
     let scored = all.iter().filter(|series| is_scored(series)).count();
-    let others = all.len() - scored;
+    let runs = PageRuns { scored, unscored: all.len() - scored };
     for series in &mut all {
-        let most = match (is_scored(series), scored) {
-            (true, _) => MOST_FRAMES / scored,
-            (false, 0) => MOST_FRAMES / others,
-            (false, _) => FEW.min(MOST_UNSCORED / others),
-        };
         let extremes = extremes(series, estimates, scores);
         let worst = worst(series, estimates, scores);
         let with_maps: Vec<FrameIndex> = FrameIndex::all(recording.frames(series.run).len())
             .step_by(usize::try_from(plan.every.max(1)).unwrap_or(usize::MAX))
             .collect();
-        series.positions = evenly(&with_maps, &extremes, most.max(1));
+        let shown = runs.frames_shown(with_maps.len(), is_scored(series), frames);
+        series.positions = evenly(&with_maps, &extremes, shown);
         // Maps of a stage run without estimates are not intermediate.
         let most = if is_scored(series) { MOST_DETAILED } else { usize::MAX };
         series.detailed = evenly(&series.positions, &worst, most).into_iter().collect();
@@ -186,22 +168,29 @@ fn layers(
     })
 }
 
-/// The positions of the frames on which the pictured estimates are worst and best by their first metric.
-fn extremes(series: &Series, estimates: &[Estimate], scores: &[FrameScore]) -> BTreeSet<FrameIndex> {
-    let of_estimate = |frames: Vec<FrameIndex>| {
-        let some = frames.iter().take(EXTREMES).chain(frames.iter().rev().take(EXTREMES));
-        some.copied().collect::<Vec<_>>()
+/// The positions of the frames on which the pictured estimates are worst and best by their first metric: the worst and
+/// the best of every estimate, then the second of every estimate, and so on.
+fn extremes(series: &Series, estimates: &[Estimate], scores: &[FrameScore]) -> Vec<FrameIndex> {
+    let ranked: Vec<_> =
+        ranked(series, estimates, scores).map(|(metric, frames)| worst_first(metric, frames)).collect();
+    let of_rank = |rank: usize| {
+        ranked.iter().flat_map(move |frames| [frames.get(rank), frames.iter().rev().nth(rank)].into_iter().flatten())
     };
-    ranked(series, estimates, scores).flat_map(|(_, frames)| of_estimate(frames)).collect()
+    (0..EXTREMES).flat_map(of_rank).copied().collect()
 }
 
 /// The positions of the frames on which each pictured estimate is worst by its first metric.
-fn worst(series: &Series, estimates: &[Estimate], scores: &[FrameScore]) -> BTreeSet<FrameIndex> {
-    let of_estimate = |(metric, frames): (&Metric, Vec<FrameIndex>)| match metric.more_is_better {
-        true => frames.first().copied(),
-        false => frames.last().copied(),
-    };
-    ranked(series, estimates, scores).filter_map(of_estimate).collect()
+fn worst(series: &Series, estimates: &[Estimate], scores: &[FrameScore]) -> Vec<FrameIndex> {
+    let worst = |(metric, frames)| worst_first(metric, frames).first().copied();
+    ranked(series, estimates, scores).filter_map(worst).collect()
+}
+
+/// Frames in the order of a metric, from the worst to the best.
+fn worst_first(metric: &Metric, mut smallest_first: Vec<FrameIndex>) -> Vec<FrameIndex> {
+    if !metric.more_is_better {
+        smallest_first.reverse();
+    }
+    smallest_first
 }
 
 /// For each pictured estimate, its first metric and the frames by its value, the smallest first.
@@ -229,7 +218,7 @@ pub(super) fn set_of(estimate: &Estimate) -> Option<PixelSet> {
 }
 
 /// The positions in the figure of scores by frame.
-pub(super) fn points(frames: usize, pictured: &BTreeSet<FrameIndex>) -> Vec<FrameIndex> {
+pub(super) fn points(frames: usize, pictured: &[FrameIndex]) -> Vec<FrameIndex> {
     evenly(&FrameIndex::all(frames).collect::<Vec<_>>(), pictured, MOST_POINTS)
 }
 

@@ -193,7 +193,7 @@ pub(super) fn scores(
         let frames = recording.frames(run);
         let pictured =
             series.iter().filter(|series| series.run == run).flat_map(|series| series.positions.iter().copied());
-        let positions = choice::points(frames.len(), &pictured.collect());
+        let positions = choice::points(frames.len(), &pictured.collect::<Vec<_>>());
         let places: HashMap<FrameIndex, usize> =
             positions.iter().enumerate().map(|(place, position)| (*position, place)).collect();
         let mut rows: BTreeMap<(usize, &str), Vec<Option<&FrameScore>>> = BTreeMap::new();

@@ -5,7 +5,8 @@ use std::fs;
 use std::path::Path;
 
 use depthloom_analysis::{
-    CompareOptions, ComparedRun, PAGE, PAGE_MARK, ReportOptions, Side, Surroundings, compare, report, write_page,
+    CompareOptions, ComparedRun, PAGE, PAGE_MARK, PageOptions, ReportOptions, Side, Surroundings, compare, report,
+    write_page,
 };
 use depthloom_recording::Recording;
 use serde_json::{Value as Json, json};
@@ -18,7 +19,7 @@ const HOSTILE: &str = "</script><script>alert(1)</script><!--\"'&";
 fn page_of(folder: &Path, recording: &Path, surroundings: &Surroundings) -> (String, Json) {
     let recording = Recording::open(recording).unwrap();
     let summary = report(&recording, folder, &ReportOptions::default(), &|| false).unwrap();
-    let written = write_page(&recording, folder, &summary, surroundings, &|| false).unwrap();
+    let written = write_page(&recording, folder, &summary, surroundings, PageOptions::default(), &|| false).unwrap();
     let page = fs::read_to_string(folder.join(PAGE)).unwrap();
     assert_eq!(written.bytes, page.len() as u64);
     assert!(page.starts_with(PAGE_MARK) && page.trim_end().ends_with("</html>"));
@@ -169,7 +170,9 @@ fn writing_a_page_can_be_stopped() {
     fixture::record(&path, &fixture::plan(1, true));
     let recording = Recording::open(&path).unwrap();
     let summary = report(&recording, folder.path(), &ReportOptions::default(), &|| false).unwrap();
-    let stopped = write_page(&recording, folder.path(), &summary, &Surroundings::default(), &|| true).unwrap_err();
+    let stopped =
+        write_page(&recording, folder.path(), &summary, &Surroundings::default(), PageOptions::default(), &|| true)
+            .unwrap_err();
     assert_eq!(stopped.to_string(), "stopped before it was finished");
     assert!(!folder.path().join(PAGE).exists());
 }

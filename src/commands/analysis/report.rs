@@ -54,7 +54,8 @@ pub(crate) fn report(args: &ReportArgs) -> Result<ExitCode, CliError> {
     let tables_written = |stop: CliError| stop.also(format!("tables and plots were written to {}", out.display()));
     models::write(&recording, &out).map_err(tables_written)?;
     if !args.page.no_page {
-        page::write(&recording, &out, &report, &page::surroundings(of_run), args.output.json, &interrupt)
+        let surroundings = page::surroundings(of_run);
+        page::write(&recording, &out, &report, &surroundings, args.page.options(), args.output.json, &interrupt)
             .map_err(tables_written)?;
     }
     // A report of an unfinished recording is a success, that of a damaged one is not.

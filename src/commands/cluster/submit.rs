@@ -163,6 +163,8 @@ fn arguments(args: &SubmitArgs, runs: &Path) -> Vec<String> {
     arguments.extend(workers.into_iter().flat_map(|workers| ["--workers".to_owned(), workers.to_string()]));
     arguments.extend(args.keep_going.then(|| "--keep-going".to_owned()));
     arguments.extend(args.no_page.then(|| "--no-page".to_owned()));
+    let page_frames = args.page_frames.into_iter();
+    arguments.extend(page_frames.flat_map(|frames| ["--page-frames".to_owned(), frames.to_string()]));
     arguments
 }
 

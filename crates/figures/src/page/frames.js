@@ -480,7 +480,7 @@ function frameViews() {
   range.addEventListener("input", () => { if (state.visible.length) show(state.visible[+range.value]); });
   const steps = D.steps, all = D.pictures.reduce((sum, part) => sum + part.frames_in_all, 0), here = parts.reduce((sum, part) => sum + part.frames.length, 0);
   const reduced = [
-    here < all ? `${here} of ${all.toLocaleString("en")} frames are shown, evenly spaced, with the worst and the best${D.every > 1 ? ` (maps were recorded on every ${D.every}th frame)` : ""}` : null,
+    here < all ? `${here} of ${all.toLocaleString("en")} frames are shown, evenly spaced, with the worst and the best (\`depthloom report --page-frames ${all}\` shows more)${D.every > 1 ? ` (maps were recorded on every ${D.every}th frame)` : ""}` : null,
     parts.some((part) => part.layers.length < part.maps_in_all && part.layers.every((layer) => layer.there)) ? `${parts.map((part) => `${part.layers.length} of ${part.maps_in_all}`).join(", ")} recorded maps are shown: those of the displayed estimates` : null,
     parts.some((part) => part.detailed < part.frames.length) ? `intermediate maps and further images are shown on ${parts.map((part) => `${part.detailed} of ${part.frames.length}`).join(", ")} frames, evenly spaced, with the worst` : null,
     `maps are at most ${steps.widest} columns wide, each sample is one recorded pixel; depths are exact to ${short(50 * steps.depth, 2)} %, disparities to 1/${Math.round(2 / steps.disparity_px)} px, confidences to 1/512`,

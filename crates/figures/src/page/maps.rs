@@ -83,7 +83,7 @@ impl Scale {
     /// The step nearest to a number.
     #[cfg(test)]
     pub(super) fn code(self, number: f64) -> u16 {
-        Coder::new(self).code(number)
+        Coder::new(self).codes(&[number])[0].expect("a number")
     }
 }
 
@@ -103,11 +103,16 @@ impl Coder {
         }
     }
 
-    /// The nearest step. Numbers beyond the steps get the first or the last code, because conversion saturates.
-    #[inline]
-    fn code(self, number: f64) -> u16 {
-        let number = if self.is_log { ln(number) } else { number };
-        (number * self.factor + self.offset) as u16
+    /// The nearest steps; `None` for NaN. Numbers beyond the steps get the first or the last code, because conversion
+    /// saturates.
+    fn codes(self, numbers: &[f64]) -> Vec<Option<u16>> {
+        // Loops of their own, so that the compiler uses vectors.
+        let logarithms: Vec<f64> =
+            if self.is_log { numbers.iter().map(|&number| ln(number)).collect() } else { Vec::new() };
+        let steps = if self.is_log { &logarithms } else { numbers };
+        let code =
+            |(number, step): (&f64, &f64)| (!number.is_nan()).then_some((step * self.factor + self.offset) as u16);
+        numbers.iter().zip(steps).map(code).collect()
     }
 }
 
@@ -155,21 +160,36 @@ impl<'a> Samples<'a> {
         (width > 0 && height > 0).then_some(Self { width, height, numbers })
     }
 
-    /// The sample at a place, row-major: metres, pixels, or a share; `None` where it is invalid.
+    /// Whether the sample at a place, row-major, is valid.
     #[inline]
-    pub(super) fn at(self, place: usize) -> Option<f64> {
+    pub(super) fn is_valid(self, place: usize) -> bool {
         match self.numbers {
-            Numbers::Positive(numbers) => {
-                let number = numbers[place];
-                (number > 0.0 && number < f32::INFINITY).then(|| f64::from(number))
-            }
-            Numbers::Finite(numbers) => numbers[place].is_finite().then(|| f64::from(numbers[place])),
-            Numbers::Sixteenths { values, lowest } => {
-                (i32::from(values[place]) >= lowest).then(|| f64::from(values[place]) / 16.0)
-            }
-            Numbers::Set(set) => Some(f64::from(u8::from(set[place] > 0))),
+            Numbers::Positive(numbers) => is_positive(numbers[place]),
+            Numbers::Finite(numbers) => numbers[place].is_finite(),
+            Numbers::Sixteenths { values, lowest } => i32::from(values[place]) >= lowest,
+            Numbers::Set(_) => true,
         }
     }
+
+    /// The samples at some places: metres, pixels, or a share; NaN where they are invalid.
+    fn gathered(self, places: &[usize]) -> Vec<f64> {
+        fn each<T: Copy>(samples: &[T], places: &[usize], number: impl Fn(T) -> Option<f64>) -> Vec<f64> {
+            places.iter().map(|&place| number(samples[place]).unwrap_or(f64::NAN)).collect()
+        }
+        match self.numbers {
+            Numbers::Positive(numbers) => each(numbers, places, |number| is_positive(number).then_some(number.into())),
+            Numbers::Finite(numbers) => each(numbers, places, |number| number.is_finite().then_some(number.into())),
+            Numbers::Sixteenths { values, lowest } => each(values, places, |sixteenths| {
+                (i32::from(sixteenths) >= lowest).then_some(f64::from(sixteenths) / 16.0)
+            }),
+            Numbers::Set(set) => each(set, places, |byte| Some(f64::from(u8::from(byte > 0)))),
+        }
+    }
+}
+
+#[inline]
+fn is_positive(number: f32) -> bool {
+    number > 0.0 && number < f32::INFINITY
 }
 
 /// Codes that most samples of a map are between.
@@ -188,11 +208,7 @@ pub(super) struct EncodedMap {
 
 /// The PNG of the samples at some places, which are a map of that width.
 pub(super) fn encode(samples: Samples<'_>, places: &[usize], width: usize, scale: Scale) -> EncodedMap {
-    let coder = Coder::new(scale);
-    let mut codes = Vec::with_capacity(places.len());
-    for &place in places {
-        codes.push(samples.at(place).map(|number| coder.code(number)));
-    }
+    let codes = Coder::new(scale).codes(&samples.gathered(places));
     EncodedMap { png: encoded(&planes(&codes, width), width), range: range(&codes) }
 }
 

@@ -38,9 +38,14 @@ const MOST_OF_FEW: u64 = 6_000_000;
 const LEAST: u64 = 4_000_000;
 /// A size whose estimate is above this share of what there is room for is not tried.
 const TRIED: f64 = 0.94;
-/// How many frames of each stage run are tried, and in which size: the bytes of other sizes are estimated from these.
+/// If the bytes of the tried pictures are at least this share of what there is room for, no larger ones are tried.
+const LARGE_ENOUGH: f64 = 0.5;
+/// How many frames of each stage run are tried: the bytes of all frames, and in other sizes, are estimated from these.
 const PROBES: usize = 3;
-const PROBED: Size = SIZES[6];
+/// The usual bytes of a pixel: of an image, and of a map with coarse steps.
+const USUAL_BYTES: (f64, f64) = (0.35, 0.5);
+/// The height of usual pictures, as a share of their width.
+const USUAL_HEIGHT: f64 = 0.3;
 /// The powers of the width that bytes grow with: for wider pictures than the probed ones, and for narrower ones, where
 /// neighbouring pixels differ more. Both give an estimate that is rather too large.
 const GROWTH: (f64, f64) = (2.0, 1.6);
@@ -209,18 +214,23 @@ impl Pictures {
         let most = MOST.min((MOST_A_FRAME * all as u64).max(MOST_OF_FEW));
         let budget = most.saturating_sub(numbers).max(LEAST);
         let room = TRIED * budget as f64;
-        let mut level = 0;
+        let mut level = SIZES.iter().position(|size| usual_bytes(series, size) <= room).unwrap_or(SIZES.len() - 1);
+        let mut tried = None;
         if all > PROBES {
-            let probes = probe(recording, series, output)?;
+            let probes = tried.insert(Tried::new(recording, series, SIZES[level], output)?).probes(series);
             let needed = |size: &Size| probes.iter().map(|probe| probe.bytes_in(size)).sum::<f64>();
-            level = SIZES.iter().position(|size| needed(size) <= room).unwrap_or(SIZES.len() - 1);
+            if !(LARGE_ENOUGH * room..=room).contains(&needed(&SIZES[level])) {
+                level = SIZES.iter().position(|size| needed(size) <= room).unwrap_or(SIZES.len() - 1);
+            }
             let share = room / needed(&SIZES[level]);
             if share < 1.0 {
                 thin(series, share);
             }
+        } else {
+            level = 0;
         }
         loop {
-            if let Some(pictures) = Self::of_size(recording, series, SIZES[level], budget, output)? {
+            if let Some(pictures) = Self::of_size(recording, series, SIZES[level], tried.as_ref(), budget, output)? {
                 return Ok(pictures);
             }
             if level + 1 < SIZES.len() {
@@ -236,22 +246,28 @@ impl Pictures {
         recording: &Recording,
         series: &[Series],
         size: Size,
+        tried: Option<&Tried>,
         budget: u64,
         output: Output<'_>,
     ) -> Result<Option<Self>, PageError> {
+        let tried = tried.filter(|tried| tried.size == size);
         let path = output.folder.join("a temporary file");
         let file = tempfile::tempfile_in(output.folder).map_err(PageError::write(&path))?;
         let mut pictures =
             Self { size, places: Vec::new(), file, there: Vec::new(), colour_ranges: Vec::new(), damaged: 0 };
         let threads = core_count();
         let mut end = 0;
-        for of in series {
+        for (number, of) in series.iter().enumerate() {
+            let known = |position: FrameIndex| {
+                tried.and_then(|tried| tried.frames[number].iter().find(|made| made.position == position)).cloned()
+            };
+            let make = |position| known(position).map_or_else(|| frame(recording, of, position, size, output), Ok);
             let mut places = Vec::with_capacity(of.positions.len());
             let mut there = vec![false; of.layers.len()];
             let mut ranges: Vec<Vec<CodeRange>> = vec![Vec::new(); of.layers.len()];
             // In order, and no more in memory than there are threads.
             for positions in of.positions.chunks(2 * threads) {
-                for made in all_at_once(positions, threads, &|position| frame(recording, of, position, size, output))? {
+                for made in all_at_once(positions, threads, &make)? {
                     let Made { position, text, ranges: of_frame, damaged, .. } = made;
                     ranges.iter_mut().zip(of_frame).for_each(|(ranges, range)| ranges.extend(range));
                     pictures.damaged += damaged;
@@ -330,12 +346,66 @@ impl Pictures {
     }
 }
 
-/// The pictures of a topic in the probed size.
+/// The bytes that pictures usually take in a size.
+fn usual_bytes(series: &[Series], size: &Size) -> f64 {
+    let of_layer = |of: &Series, place: usize| {
+        let class = class_of(of, place);
+        let width = f64::from(size.widest(class));
+        let pixels = frames_with(of, class) as f64 * USUAL_HEIGHT * width * width;
+        let fine = if size.steps == FINE { FINE_BYTES } else { 1.0 };
+        pixels * if of.layers[place].role == Role::Image { USUAL_BYTES.0 } else { fine * USUAL_BYTES.1 }
+    };
+    series.iter().map(|of| (0..of.layers.len()).map(|place| of_layer(of, place)).sum::<f64>()).sum()
+}
+
+/// How many frames have pictures of a class.
+fn frames_with(series: &Series, class: Class) -> usize {
+    if class == Class::Other { series.detailed.len() } else { series.positions.len() }
+}
+
+/// Some frames of each stage run in a size, which are used if all frames get this size.
+struct Tried {
+    size: Size,
+    frames: Vec<Vec<Made>>,
+}
+
+impl Tried {
+    fn new(recording: &Recording, series: &[Series], size: Size, output: Output<'_>) -> Result<Self, PageError> {
+        let some = |of: &Series| {
+            // These have all maps.
+            let detailed: Vec<FrameIndex> = of.detailed.iter().copied().collect();
+            let count = detailed.len();
+            let some = PROBES.min(count);
+            let tried: Vec<FrameIndex> = (0..some).map(|i| detailed[(2 * i + 1) * count / (2 * some)]).collect();
+            all_at_once(&tried, core_count(), &|position| frame(recording, of, position, size, output))
+        };
+        Ok(Self { size, frames: series.iter().map(some).collect::<Result<_, _>>()? })
+    }
+
+    /// The pictures of every topic.
+    fn probes(&self, series: &[Series]) -> Vec<Probe> {
+        let mut probes = Vec::new();
+        for (of, tried) in series.iter().zip(&self.frames) {
+            for (place, layer) in of.layers.iter().enumerate() {
+                let line = |made: &Made| made.text.split(|byte| *byte == b'\n').nth(place).map_or(0, <[u8]>::len);
+                let bytes: usize = tried.iter().map(line).sum();
+                let width = tried.iter().map(|made| made.widths[place]).max().unwrap_or(0);
+                let class = class_of(of, place);
+                let bytes = bytes as f64 / tried.len().max(1) as f64 * frames_with(of, class) as f64;
+                probes.push(Probe { class, is_map: layer.role != Role::Image, width, tried: self.size, bytes });
+            }
+        }
+        probes
+    }
+}
+
+/// The pictures of a topic in the size that was tried.
 struct Probe {
     class: Class,
     is_map: bool,
     /// The width of the recorded images or maps.
     width: u32,
+    tried: Size,
     /// The bytes of all frames, if they are like those that were tried.
     bytes: f64,
 }
@@ -344,33 +414,11 @@ impl Probe {
     /// How many bytes the pictures are likely to take in a size.
     fn bytes_in(&self, size: &Size) -> f64 {
         let width = |size: &Size| f64::from(size.widest(self.class).min(self.width).max(1));
-        let ratio = width(size) / width(&PROBED);
+        let ratio = width(size) / width(&self.tried);
         let growth = if ratio > 1.0 { GROWTH.0 } else { GROWTH.1 };
-        let steps = if self.is_map && size.steps == FINE { FINE_BYTES } else { 1.0 };
-        self.bytes * libm::pow(ratio, growth) * steps
+        let steps = |size: &Size| if self.is_map && size.steps == FINE { FINE_BYTES } else { 1.0 };
+        self.bytes * libm::pow(ratio, growth) * steps(size) / steps(&self.tried)
     }
-}
-
-/// Tries some frames of each stage run.
-fn probe(recording: &Recording, series: &[Series], output: Output<'_>) -> Result<Vec<Probe>, PageError> {
-    let mut probes = Vec::new();
-    for of in series {
-        let (count, detailed) = (of.positions.len(), of.detailed.len());
-        let some = PROBES.min(count);
-        let tried: Vec<FrameIndex> = (0..some).map(|i| of.positions[(2 * i + 1) * count / (2 * some)]).collect();
-        let tried_series = &Series { detailed: tried.iter().copied().collect(), ..of.clone() };
-        let made = all_at_once(&tried, some, &|position| frame(recording, tried_series, position, PROBED, output))?;
-        for (place, layer) in of.layers.iter().enumerate() {
-            let bytes: usize =
-                made.iter().filter_map(|made| made.text.split(|byte| *byte == b'\n').nth(place)).map(<[u8]>::len).sum();
-            let width = made.iter().map(|made| made.widths[place]).max().unwrap_or(0);
-            let class = class_of(of, place);
-            let frames = if class == Class::Other { detailed } else { count };
-            let bytes = bytes as f64 / some as f64 * frames as f64;
-            probes.push(Probe { class, is_map: layer.role != Role::Image, width, bytes });
-        }
-    }
-    Ok(probes)
 }
 
 /// What the width of a layer depends on: the first image is shown larger than others.
@@ -387,11 +435,12 @@ fn class_of(series: &Series, place: usize) -> Class {
 fn thin(series: &mut [Series], share: f64) {
     for series in series {
         let most = ((series.positions.len() as f64 * share) as usize).max(1);
-        series.positions = evenly(&series.positions, &BTreeSet::new(), most);
+        series.positions = evenly(&series.positions, &[], most);
     }
 }
 
 /// A frame's text: one line per layer, empty where there is no value.
+#[derive(Clone)]
 struct Made {
     position: FrameIndex,
     text: Vec<u8>,
@@ -595,13 +644,13 @@ fn cell(place: u32, from: u32, to: u32) -> Range<usize> {
 fn picked(columns: Range<usize>, rows: Range<usize>, width: usize, truth: Option<Samples<'_>>) -> usize {
     let (x, y) = ((columns.start + columns.end - 1) / 2, (rows.start + rows.end - 1) / 2);
     let centre = y * width + x;
-    let Some(truth) = truth.filter(|truth| truth.at(centre).is_none()) else { return centre };
+    let Some(truth) = truth.filter(|truth| !truth.is_valid(centre)) else { return centre };
     let (mut nearest, mut least) = (centre, usize::MAX);
     for row in rows {
         for column in columns.clone() {
             let place = row * width + column;
             let far = column.abs_diff(x).pow(2) + row.abs_diff(y).pow(2);
-            if far < least && truth.at(place).is_some() {
+            if far < least && truth.is_valid(place) {
                 (nearest, least) = (place, far);
             }
         }
@@ -609,15 +658,20 @@ fn picked(columns: Range<usize>, rows: Range<usize>, width: usize, truth: Option
     nearest
 }
 
-/// A selection of at most `most` positions: the wanted ones first, then others at even distances, including the first
-/// and the last.
+/// A selection of at most `most` positions: half of them the wanted ones, the first before others, and the rest at even
+/// distances, including the first and the last.
 #[must_use]
-pub fn evenly(positions: &[FrameIndex], wanted: &BTreeSet<FrameIndex>, most: usize) -> Vec<FrameIndex> {
+pub fn evenly(positions: &[FrameIndex], wanted: &[FrameIndex], most: usize) -> Vec<FrameIndex> {
     if positions.len() <= most {
         return positions.to_vec();
     }
-    let wanted: BTreeSet<FrameIndex> =
-        positions.iter().copied().filter(|position| wanted.contains(position)).take(most / 2).collect();
+    let mut found = BTreeSet::new();
+    for position in wanted.iter().filter(|position| positions.binary_search(position).is_ok()) {
+        if found.len() < most / 2 {
+            found.insert(*position);
+        }
+    }
+    let wanted = found;
     let with = |even: usize| -> BTreeSet<FrameIndex> {
         let at = |i: usize| positions[i * (positions.len() - 1) / (even - 1).max(1)];
         wanted.iter().copied().chain((0..even).map(at)).collect()
@@ -654,15 +708,17 @@ mod tests {
     #[test]
     fn of_many_frames_the_wanted_are_there_and_the_others_are_even() {
         let positions: Vec<FrameIndex> = FrameIndex::all(1000).collect();
-        let chosen = evenly(&positions, &BTreeSet::from([17, 18, 19, 500].map(FrameIndex)), 20);
+        let chosen = evenly(&positions, &[500, 17, 18, 19, 18].map(FrameIndex), 20);
         assert!((18..=20).contains(&chosen.len()), "{chosen:?}");
         assert!(
             [0, 17, 18, 19, 500, 999].map(FrameIndex).iter().all(|position| chosen.contains(position)),
             "{chosen:?}"
         );
         assert!(chosen.windows(2).all(|two| two[1].0 - two[0].0 <= 80), "{chosen:?}");
-        assert_eq!(evenly(&positions[..5], &BTreeSet::new(), 20), [0, 1, 2, 3, 4].map(FrameIndex));
-        assert_eq!(evenly(&positions, &BTreeSet::new(), 1), [FrameIndex(0)]);
+        assert_eq!(evenly(&positions[..5], &[], 20), [0, 1, 2, 3, 4].map(FrameIndex));
+        assert_eq!(evenly(&positions, &[], 1), [FrameIndex(0)]);
+        let some = evenly(&positions, &[900, 3, 400].map(FrameIndex), 4);
+        assert!(some.contains(&FrameIndex(900)) && some.contains(&FrameIndex(3)) && !some.contains(&FrameIndex(400)));
     }
 
     #[test]

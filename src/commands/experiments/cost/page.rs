@@ -1,22 +1,13 @@
 //! The number of maps that a page shows: with it grow CPU time and bytes of the page, up to a limit.
 //!
-//! The limits are those of `analysis/src/page/choice.rs` and `crates/figures/src/page/pictures.rs`.
+//! The limits of bytes are those of `crates/figures/src/page/pictures.rs`.
 
 use std::collections::BTreeSet;
 
+use depthloom_analysis::{MOST_DETAILED, MOST_LAYERS, MOST_PICTURED, PageRuns};
 use depthloom_graphs::ValueType;
 use depthloom_recording::{RecordedEstimate, RecordedPlan, RecordedRun};
 
-/// The most frames of all stage runs with metrics together.
-const MOST_FRAMES: u64 = 200;
-/// The most frames of all stage runs without metrics together, and of each of them.
-const MOST_UNSCORED: u64 = 40;
-const FEW: u64 = 10;
-/// The most frames of a stage run with metrics whose intermediate maps are shown.
-const MOST_DETAILED: u64 = 12;
-/// The most maps of a stage run, and the most of them that are estimates.
-const MOST_LAYERS: u64 = 32;
-const MOST_PICTURED: usize = 12;
 /// The most bytes of the maps, per frame and in all, and what few frames may have.
 const MOST_BYTES: f64 = 38.5e6;
 const MOST_FRAME_BYTES: f64 = 400e3;
@@ -39,20 +30,16 @@ impl PageContent {
             .filter(|(run, _)| map_topics(run).count() > 0)
             .map(|(run, n)| (run, *n))
             .collect();
-        let scored = with_maps.iter().filter(|(run, _)| !run.estimates.is_empty()).count() as u64;
-        let unscored = with_maps.len() as u64 - scored;
+        let scored = with_maps.iter().filter(|(run, _)| !run.estimates.is_empty()).count();
+        let runs = PageRuns { scored, unscored: with_maps.len() - scored };
         let mut content = Self::default();
         for (run, frames) in with_maps {
             let is_scored = !run.estimates.is_empty();
-            let most = match (is_scored, scored) {
-                (true, _) => MOST_FRAMES / scored,
-                (false, 0) => MOST_FRAMES / unscored,
-                (false, _) => FEW.min(MOST_UNSCORED / unscored),
-            };
-            let frames = frames.div_ceil(plan.every.max(1)).min(most.max(1));
-            let all = (map_topics(run).count() as u64).min(MOST_LAYERS);
+            let with_maps = usize::try_from(frames.div_ceil(plan.every.max(1))).unwrap_or(usize::MAX);
+            let frames = runs.frames_shown(with_maps, is_scored, None) as u64;
+            let all = (map_topics(run).count() as u64).min(MOST_LAYERS as u64);
             let (main, detailed) =
-                if is_scored { (main_maps(run).min(all), frames.min(MOST_DETAILED)) } else { (all, frames) };
+                if is_scored { (main_maps(run).min(all), frames.min(MOST_DETAILED as u64)) } else { (all, frames) };
             content.frames += frames;
             content.maps += frames * main + detailed * (all - main);
         }
