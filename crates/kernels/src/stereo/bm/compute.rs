@@ -230,9 +230,10 @@ impl Texture {
 
     #[inline(always)]
     fn advance(&mut self, search: &Search, entering: Pair<'_>, leaving: Option<Pair<'_>>) {
-        let of = |row: &Pair<'_>, column| i32::from(row.left[search.left(column)].abs_diff(search.cap));
+        let difference = |row: &Pair<'_>, column| i32::from(row.left[search.left(column)].abs_diff(search.cap));
         for (texture, column) in self.0.iter_mut().zip(-(search.radius as isize)..) {
-            *texture += of(&entering, column) - leaving.as_ref().map_or(0, |leaving| of(leaving, column));
+            let leaves = leaving.as_ref().map_or(0, |leaving| difference(leaving, column));
+            *texture += difference(&entering, column) - leaves;
         }
     }
 }

@@ -1,12 +1,12 @@
 //! The fast implementation: named vectors of 16-bit sums, for machines with AVX2 or AVX-512.
 //!
 //! 1242x375 with 64 candidates and a block of 21 searches 408,000 pixels, 26 million cells. A cell costs about 8
-//! operations of 16-bit lanes to keep the sums of columns, 3 to keep that of the block, and 4 to choose; the choice of a
-//! pixel costs some 20 more. What is read in a row (sums of 1,200 columns, 150 kB) stays in the second-level cache.
+//! operations of 16-bit lanes to keep the sums of columns, 3 to keep that of the block, and 4 to choose; the choice of
+//! a pixel costs some 20 more. What is read in a row (sums of 1,200 columns, 150 kB) stays in the second-level cache.
 //!
-//! Without these vectors the compiler makes one sum at a time of what is searched across lanes: the smallest, its place,
-//! its rivals. On an EPYC with AVX-512 a frame takes 8.8 ms on one thread; the loops that every machine can run take 18,
-//! as OpenCV's do.
+//! Without these vectors the compiler makes one sum at a time of what is searched across lanes: the smallest, its
+//! place, its rivals. On an EPYC with AVX-512 a frame takes 8.8 ms on one thread; the loops that every machine can run
+//! take 18, as OpenCV's do.
 #![expect(unsafe_code, reason = "vector instructions, on buffers whose sizes are checked for each row")]
 
 use super::search::Search;
