@@ -6,9 +6,12 @@
 //! JSON contains no `<`, and text in markup is escaped.
 
 mod colour_range;
+mod frame_pictures;
 mod maps;
 mod pictures;
 mod plan;
+mod series;
+mod sizes;
 
 use std::io::{self, Write};
 use std::path::{Path, PathBuf};
@@ -19,8 +22,9 @@ use serde_json::Value as Json;
 
 pub use self::colour_range::ColourRange;
 pub use self::maps::{Scale, Steps};
-pub use self::pictures::{Layer, Pictures, Role, Series, evenly};
+pub use self::pictures::Pictures;
 pub use self::plan::plan_drawing;
+pub use self::series::{Layer, Role, Series, evenly};
 use crate::xml::escaped;
 
 /// The beginning of a page, by which commands recognise a file that they may replace.

@@ -1,5 +1,5 @@
-//! Decides which values are compressed, and how, by a measurement of a few of a raster's own bytes: so its chunk
-//! depends only on the raster.
+//! Decides which values are compressed, and how: by the type of a value, and for images by a measurement of a few of
+//! their own bytes. So a chunk depends only on its value.
 
 use depthloom_codecs::compression;
 use depthloom_codecs::encode::{
@@ -22,7 +22,7 @@ const SMALL: usize = 1024;
 const WINDOWS: usize = 8;
 const WINDOW: usize = 4096;
 
-/// Adds a value of a port to a part: rasters in separate chunks, compressed if that pays.
+/// Adds a value of a port to a part: rasters in separate chunks, packed or compressed.
 pub(crate) fn put_port_value(
     part: &mut impl Messages,
     frame: &Frame,

@@ -1,8 +1,8 @@
 //! A part of a frame as chunks: encoded, checksummed and compressed by the worker that has its values.
 //!
 //! A raster has its own chunk, so that a reader of one value reads and decompresses no other, and a run that reuses it
-//! copies its chunk unchanged. Small messages share an uncompressed chunk after those. Whether a raster is compressed
-//! is measured on a few of its own bytes, so that its chunk depends only on it.
+//! copies its chunk unchanged. Small messages share an uncompressed chunk after those. Whether an image is
+//! compressed is measured on a few of its own bytes, so that its chunk depends only on it.
 
 use std::io::Cursor;
 
