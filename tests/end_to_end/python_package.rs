@@ -28,6 +28,17 @@ fn the_package_passes_type_checking() {
 }
 
 #[test]
+fn the_package_reads_the_format_that_is_written() {
+    let format = |file: &str, before: &str| {
+        let text = std::fs::read_to_string(workspace().join(file)).expect("a source file");
+        let (_, rest) = text.split_once(before).unwrap_or_else(|| panic!("{file} has no `{before}`"));
+        rest.split('"').next().expect("a format").to_owned()
+    };
+    let written = format("recording/src/lib.rs", "const FORMAT: &str = \"");
+    assert_eq!(format("python/src/depthloom/_recording.py", "\nFORMAT = \""), written);
+}
+
+#[test]
 fn the_package_passes_its_tests() {
     let Some(python) = python_package("the_package_passes_its_tests") else { return };
     let folder = tempfile::tempdir().expect("a folder");
