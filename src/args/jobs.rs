@@ -85,7 +85,7 @@ pub(crate) struct SubmitArgs {
     pub no_page: bool,
 
     /// Show images of this many frames in `report.html`, as with `run`.
-    #[arg(long, value_name = "COUNT", conflicts_with = "no_page", value_parser = clap::value_parser!(u32).range(1..))]
+    #[arg(long, value_name = "COUNT", conflicts_with = "no_page", value_parser = clap::value_parser!(u32).range(1..=1_000_000))]
     pub page_frames: Option<u32>,
 
     /// Call depthloom by this command in the scripts (default: the path of this program).

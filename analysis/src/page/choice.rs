@@ -11,36 +11,52 @@ use depthloom_scores::{Align, Metric, PixelSet, Settings};
 
 use crate::ablation::ScoreTable;
 use crate::estimates::Estimate;
+use crate::page::leading::leading_metric;
 use crate::page::limits::{EXTREMES, MOST_CURVES, MOST_DETAILED, MOST_LAYERS, MOST_PICTURED, MOST_POINTS, PageRuns};
 use crate::scores::FrameScore;
 
-/// The estimates with curves: all, or those that all variants share and the best others by the first metric of the
-/// table.
+/// The estimates with curves: all, or those that all variants share and the best others.
 pub(super) fn estimates_shown(estimates: &[Estimate], table: Option<&ScoreTable>) -> Vec<usize> {
-    best(estimates, table, &(0..estimates.len()).collect::<Vec<_>>(), MOST_CURVES)
+    let mut shown = best_first(estimates, table, (0..estimates.len()).collect());
+    shown.truncate(MOST_CURVES);
+    shown.sort_unstable();
+    shown
 }
 
-/// At most `most` of the candidates, the best ones, in their order.
-fn best(estimates: &[Estimate], table: Option<&ScoreTable>, candidates: &[usize], most: usize) -> Vec<usize> {
-    if candidates.len() <= most {
-        return candidates.to_vec();
-    }
-    let metric = table.and_then(|table| table.metrics.first());
-    let means: HashMap<&str, f64> = table.map_or_else(HashMap::new, |table| {
-        let rows = table.rows.iter().rev();
-        rows.filter_map(|row| Some((row.label.as_str(), row.values.first().copied()??))).collect()
+/// Those of some estimates that have pictures: of at most [`MOST_PICTURED`] maps, chosen like those with curves.
+/// Variants can have a map in common; `map` is the recorded topic of an estimate's map.
+fn pictured(
+    estimates: &[Estimate],
+    table: Option<&ScoreTable>,
+    shown: Vec<usize>,
+    map: impl Fn(&Estimate) -> Option<String>,
+) -> Vec<usize> {
+    let mut maps = HashSet::new();
+    let mut pictured = best_first(estimates, table, shown);
+    pictured.retain(|&index| {
+        let map = map(&estimates[index]);
+        maps.contains(&map) || (maps.len() < MOST_PICTURED && maps.insert(map))
     });
-    let sign = if metric.is_some_and(|metric| metric.more_is_better) { -1.0 } else { 1.0 };
+    pictured.sort_unstable();
+    pictured
+}
+
+/// Estimates in order: those that all variants share, then the best by the [leading metric](leading_metric).
+fn best_first(estimates: &[Estimate], table: Option<&ScoreTable>, mut candidates: Vec<usize>) -> Vec<usize> {
+    let leading = table.and_then(|table| Some((table, leading_metric(&table.metrics)?)));
+    let means: HashMap<(&str, PixelSet), f64> = leading.map_or_else(HashMap::new, |(table, metric)| {
+        let rows = table.rows.iter();
+        rows.filter_map(|row| Some(((row.label.as_str(), row.set), (*row.values.get(metric)?)?))).collect()
+    });
+    let sign = if leading.is_some_and(|(table, metric)| table.metrics[metric].more_is_better) { -1.0 } else { 1.0 };
     let rank = |index: usize| {
         let estimate = &estimates[index];
-        let mean = means.get(estimate.label.as_str()).filter(|mean| mean.is_finite());
+        let mean = set_of(estimate).and_then(|set| means.get(&(estimate.label.as_str(), set)));
+        let mean = mean.filter(|mean| mean.is_finite());
         (estimate.row_key.variant.is_some(), mean.is_none(), mean.map_or(0.0, |mean| sign * mean))
     };
-    let mut ranked = candidates.to_vec();
-    ranked.sort_by(|&a, &b| rank(a).partial_cmp(&rank(b)).unwrap_or(std::cmp::Ordering::Equal).then(a.cmp(&b)));
-    ranked.truncate(most);
-    ranked.sort_unstable();
-    ranked
+    candidates.sort_by(|&a, &b| rank(a).partial_cmp(&rank(b)).unwrap_or(std::cmp::Ordering::Equal).then(a.cmp(&b)));
+    candidates
 }
 
 /// The displayed maps and frames of each stage run with recorded maps; `frames` is the number of frames that the user
@@ -85,11 +101,11 @@ fn layers(
 ) -> Option<Series> {
     let (plan, planned) = (recording.plan(), &recording.plan().runs[run]);
     let own: Vec<usize> = shown.iter().copied().filter(|&index| estimates[index].run == run).collect();
-    let pictured = best(estimates, table, &own, MOST_PICTURED);
+    let topic_of = |topic: &str| plan.find(run, topic).map(|(_, output)| output.topic.clone());
+    let pictured = pictured(estimates, table, own, |estimate| topic_of(estimate.estimate_topic.as_ref()?));
     let variants: HashSet<&str> =
         pictured.iter().filter_map(|&index| estimates[index].row_key.variant.as_deref()).collect();
     let own_estimates = || estimates.iter().filter(|estimate| estimate.run == run);
-    let topic_of = |topic: &str| plan.find(run, topic).map(|(_, output)| output.topic.clone());
     let truths: HashSet<String> =
         own_estimates().filter_map(|estimate| topic_of(estimate.truth_topic.as_ref()?)).collect();
     let mut by_topic: HashMap<String, Vec<usize>> = HashMap::new();
@@ -168,7 +184,7 @@ fn layers(
     })
 }
 
-/// The positions of the frames on which the pictured estimates are worst and best by their first metric: the worst and
+/// The positions of the frames on which the pictured estimates are worst and best by their leading metric: the worst and
 /// the best of every estimate, then the second of every estimate, and so on.
 fn extremes(series: &Series, estimates: &[Estimate], scores: &[FrameScore]) -> Vec<FrameIndex> {
     let ranked: Vec<_> =
@@ -179,7 +195,7 @@ fn extremes(series: &Series, estimates: &[Estimate], scores: &[FrameScore]) -> V
     (0..EXTREMES).flat_map(of_rank).copied().collect()
 }
 
-/// The positions of the frames on which each pictured estimate is worst by its first metric.
+/// The positions of the frames on which each pictured estimate is worst by its leading metric.
 fn worst(series: &Series, estimates: &[Estimate], scores: &[FrameScore]) -> Vec<FrameIndex> {
     let worst = |(metric, frames)| worst_first(metric, frames).first().copied();
     ranked(series, estimates, scores).filter_map(worst).collect()
@@ -193,14 +209,14 @@ fn worst_first(metric: &Metric, mut smallest_first: Vec<FrameIndex>) -> Vec<Fram
     smallest_first
 }
 
-/// For each pictured estimate, its first metric and the frames by its value, the smallest first.
+/// For each pictured estimate, its leading metric and the frames by its value, the smallest first.
 fn ranked<'a>(
     series: &'a Series,
     estimates: &'a [Estimate],
     scores: &'a [FrameScore],
 ) -> impl Iterator<Item = (&'static Metric, Vec<FrameIndex>)> + 'a {
     series.layers.iter().flat_map(|layer| &layer.estimates).filter_map(move |&index| {
-        let metric = *estimates[index].metrics.first()?;
+        let metric = estimates[index].metrics[leading_metric(&estimates[index].metrics)?];
         let set = set_of(&estimates[index])?;
         let own =
             scores.iter().filter(|score| score.estimate == index && score.row.set == set && score.row.zone.is_empty());
@@ -235,5 +251,11 @@ mod tests {
         let shown = estimates_shown(&estimates, None);
         assert_eq!(shown, (0..MOST_CURVES).collect::<Vec<_>>());
         assert_eq!(estimates_shown(&estimates[..3], None), [0, 1, 2]);
+        // A map that two estimates have counts once.
+        let map = |estimate: &Estimate| {
+            Some(if estimate.label.starts_with("v0/") { "stereo" } else { &estimate.label }.to_owned())
+        };
+        let all = (0..estimates.len()).collect();
+        assert_eq!(pictured(&estimates, None, all, map), (0..MOST_PICTURED + 1).collect::<Vec<_>>());
     }
 }

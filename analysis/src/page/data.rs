@@ -99,7 +99,9 @@ pub(super) fn query_tables(
     table: &ScoreTable,
     titles: &Titles,
 ) -> Result<Vec<Json>, AnalysisError> {
-    let Some(metric) = leading_metric(table).map(|place| table.metrics[place].name) else { return Ok(Vec::new()) };
+    let Some(metric) = leading_metric(&table.metrics).map(|place| table.metrics[place].name) else {
+        return Ok(Vec::new());
+    };
     let all = Selection::default();
     let queries = [
         ("Effect of each axis", effects_table(ablation, &all, metric)),

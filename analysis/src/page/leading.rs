@@ -16,10 +16,10 @@ use crate::tables::best::Mark;
 /// The leading metric is the first of these that was scored, or else the first metric of the table.
 const LEADING: [&str; 3] = ["abs_rel", "d1", "epe"];
 
-/// The place of the leading metric among those of the table; `None` without metrics.
-pub(super) fn leading_metric(table: &ScoreTable) -> Option<usize> {
-    let place = |name: &str| table.metrics.iter().position(|metric| metric.name == name);
-    LEADING.into_iter().find_map(place).or_else(|| (!table.metrics.is_empty()).then_some(0))
+/// The place of the leading metric among metrics; `None` without metrics.
+pub(super) fn leading_metric(metrics: &[&Metric]) -> Option<usize> {
+    let known = LEADING.iter().find_map(|name| metrics.iter().position(|metric| metric.name == *name));
+    known.or((!metrics.is_empty()).then_some(0))
 }
 
 /// How to get intervals, which the page of a run does not have because they take time.
@@ -37,7 +37,7 @@ pub(super) fn add(
     (ablation, estimates): (&Ablation<'_>, &[Estimate]),
     stop: &(dyn Fn() -> bool + Sync),
 ) -> Result<(), AnalysisError> {
-    let Some(leading) = leading_metric(table) else { return Ok(()) };
+    let Some(leading) = leading_metric(&table.metrics) else { return Ok(()) };
     data["leading"] = leading.into();
     data["best_first"] = best_first(table, leading).into();
     // The same selection as that of the table, so the same rows in the same order.

@@ -119,6 +119,10 @@ fn refuse(
         Some(node) if node.is_damage => {
             Err(CliError::new(ExitCode::FrameFailures, format!("the recording is damaged: {}", described(node))))
         }
+        Some(node) if args.nodes.is_empty() => Err(CliError::usage(
+            format!("no node of the recording can be recomputed, among them {}", described(node)),
+            "`record:` of the experiment selects what is recorded; the inputs of a node are needed to recompute it",
+        )),
         Some(node) => Err(CliError::usage(
             format!("cannot recompute {}", described(node)),
             "`record:` of the experiment selects what is recorded; without names, all nodes that can be recomputed are compared",

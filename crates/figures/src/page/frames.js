@@ -368,7 +368,7 @@ function frameViews() {
       const ranked = part.positions.map((position, i) => [of.line.values[of.metric][i], position, part.ids[i]]).filter(([number]) => number !== null).sort((a, b) => (more ? a[0] - b[0] : b[0] - a[0]));
       // No frame is in both lists, so with few frames the lists are shorter.
       const most = Math.min(5, Math.floor(ranked.length / 2));
-      const chip = ([number, position, id]) => el("button", { type: "button", className: "jump", title: pictured.has(position) ? `position ${position}` : `position ${position} has no images in this page: shows the nearest frame that does`, onclick: () => goTo(part.run, position) }, `${id}: ${short(number, 3)}`);
+      const chip = ([number, position, id]) => el("button", { type: "button", className: pictured.has(position) ? "jump" : "jump absent", title: pictured.has(position) ? `position ${position}` : `position ${position} has no images in this page: shows the nearest frame that does`, onclick: () => goTo(part.run, position) }, `${id}: ${short(number, 3)}`);
       const select = (options, chosen, change, name) => { const made = choose(options, chosen, change); made.ariaLabel = name; return made; };
       chips.replaceChildren(
         el("div", { className: "controls" }, most ? "Worst and best frames of" : "The only frame of",
@@ -479,10 +479,11 @@ function frameViews() {
   };
   range.addEventListener("input", () => { if (state.visible.length) show(state.visible[+range.value]); });
   const steps = D.steps, all = D.pictures.reduce((sum, part) => sum + part.frames_in_all, 0), here = parts.reduce((sum, part) => sum + part.frames.length, 0);
+  const hasDetails = (part) => part.layers.some((layer, i) => layer.role === "other" || (layer.role === "image" && i > 0));
   const reduced = [
-    here < all ? `${here} of ${all.toLocaleString("en")} frames are shown, evenly spaced, with the worst and the best (\`depthloom report --page-frames ${all}\` shows more)${D.every > 1 ? ` (maps were recorded on every ${D.every}th frame)` : ""}` : null,
+    here < all ? `${here} of ${all.toLocaleString("en")} frames are shown${here > 3 ? ", the worst and the best among them" : ""} (\`depthloom report RUN --page-frames ${all}\` shows more)${D.every > 1 ? ` (maps were recorded on every ${D.every}th frame)` : ""}` : null,
     parts.some((part) => part.layers.length < part.maps_in_all && part.layers.every((layer) => layer.there)) ? `${parts.map((part) => `${part.layers.length} of ${part.maps_in_all}`).join(", ")} recorded maps are shown: those of the displayed estimates` : null,
-    parts.some((part) => part.detailed < part.frames.length) ? `intermediate maps and further images are shown on ${parts.map((part) => `${part.detailed} of ${part.frames.length}`).join(", ")} frames, evenly spaced, with the worst` : null,
+    parts.some((part) => part.detailed < part.frames.length && hasDetails(part)) ? `intermediate maps and further images are shown on ${parts.map((part) => `${part.detailed} of ${part.frames.length}`).join(", ")} frames, evenly spaced, with the worst` : null,
     `maps are at most ${steps.widest} columns wide, each sample is one recorded pixel; depths are exact to ${short(50 * steps.depth, 2)} %, disparities to 1/${Math.round(2 / steps.disparity_px)} px, confidences to 1/512`,
   ].filter(Boolean);
   box.append(
