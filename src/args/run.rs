@@ -196,7 +196,8 @@ pub(crate) struct PageArgs {
     /// Show images of this many frames in `report.html` (default: 12, and a tenth of those beyond 12; at most 200).
     ///
     /// Half of them are the worst and the best frames of the estimates with images, by `abs_rel` or the metric that
-    /// leads without it; the others are evenly spaced. The more frames, the smaller the images, so that the page has at most 40 MB.
+    /// leads without it; the others are evenly spaced. The more frames, the smaller the images, so that the page has
+    /// at most 40 MB.
     #[arg(long, value_name = "COUNT", conflicts_with = "no_page", value_parser = clap::value_parser!(u32).range(1..=1_000_000))]
     pub page_frames: Option<u32>,
 

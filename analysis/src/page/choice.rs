@@ -184,8 +184,8 @@ fn layers(
     })
 }
 
-/// The positions of the frames on which the pictured estimates are worst and best by their leading metric: the worst and
-/// the best of every estimate, then the second of every estimate, and so on.
+/// The positions of the frames on which the pictured estimates are worst and best by their leading metric: the worst
+/// and the best of every estimate, then the second of every estimate, and so on.
 fn extremes(series: &Series, estimates: &[Estimate], scores: &[FrameScore]) -> Vec<FrameIndex> {
     let ranked: Vec<_> =
         ranked(series, estimates, scores).map(|(metric, frames)| worst_first(metric, frames)).collect();
