@@ -1,8 +1,9 @@
-//! How much a page shows: its making takes a tenth of a run's CPU time, and a browser opens it in a moment.
+//! How much a page shows, so that it costs little beside a run. With 40 KITTI frames and five variants, 14 frames with
+//! pictures took 8 to 10 % of the run's CPU time (an EPYC).
 
 /// The maximum number of estimates with curves.
 pub(super) const MOST_CURVES: usize = 24;
-/// The maximum number of estimates with pictures.
+/// The maximum number of maps of estimates with pictures.
 pub const MOST_PICTURED: usize = 12;
 /// The maximum number of maps of a stage run.
 pub const MOST_LAYERS: usize = 32;

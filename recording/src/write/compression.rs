@@ -1,5 +1,5 @@
-//! Decides which values are compressed, and how: by the type of a value, and for images by a measurement of a few of
-//! their own bytes. So a chunk depends only on its value.
+//! How a value is compressed. This depends on its type, and for images on a sample of their bytes: equal values have
+//! equal chunks.
 
 use depthloom_codecs::compression;
 use depthloom_codecs::encode::{
