@@ -9,7 +9,10 @@
 //!
 //! Nothing else asks the machine what it can do. A [`Level`] is made by [`Level::available`] alone, so who holds one
 //! has seen its features; vectors are named only inside of passes that a level runs.
-#![expect(unsafe_code, reason = "calls functions compiled for instruction sets that were found at run time")]
+#![cfg_attr(
+    target_arch = "x86_64",
+    expect(unsafe_code, reason = "calls functions compiled for instruction sets that were found at run time")
+)]
 
 mod block;
 #[cfg(target_arch = "x86_64")]
@@ -48,6 +51,8 @@ enum Set {
     /// AVX-512 that counts bits, and permutes and compresses bytes, in vectors.
     #[cfg(target_arch = "x86_64")]
     Avx512Popcnt,
+    #[cfg(target_arch = "aarch64")]
+    Neon,
 }
 
 /// Inner loops that are compiled once per instruction set.
@@ -78,7 +83,7 @@ impl Level {
 
     /// The widest instruction set of this machine.
     ///
-    /// The environment variable `DEPTHLOOM_SIMD` (`portable`, `sse2`, `avx2`, `avx512`) holds it down for all kernels,
+    /// The environment variable `DEPTHLOOM_SIMD` (`portable`, `sse2`, `avx2`, `avx512`; `neon`) holds it down for all kernels,
     /// for measuring: the results are the same. Any other value leaves it as it is.
     #[must_use]
     pub fn best() -> Self {
@@ -124,6 +129,8 @@ impl Level {
                 levels.push(Self(Set::Avx512Popcnt));
             }
         }
+        #[cfg(target_arch = "aarch64")]
+        levels.push(Self(Set::Neon)); // part of aarch64
         levels
     }
 
@@ -137,7 +144,7 @@ impl Level {
         }
     }
 
-    /// `portable`, `sse2`, `avx2`, `avx512` or `avx512-popcnt`.
+    /// `portable`, `sse2`, `avx2`, `avx512` or `avx512-popcnt`; on ARM `portable` or `neon`.
     #[must_use]
     pub fn name(self) -> &'static str {
         match self.0 {
@@ -150,6 +157,8 @@ impl Level {
             Set::Avx512 => "avx512",
             #[cfg(target_arch = "x86_64")]
             Set::Avx512Popcnt => "avx512-popcnt",
+            #[cfg(target_arch = "aarch64")]
+            Set::Neon => "neon",
         }
     }
 
@@ -165,6 +174,8 @@ impl Level {
             #[cfg(target_arch = "x86_64")]
             // SAFETY: only `available` makes these levels, where every feature named at `avx512` was detected.
             Set::Avx512 | Set::Avx512Popcnt => unsafe { avx512(pass) },
+            #[cfg(target_arch = "aarch64")]
+            Set::Neon => pass.run(),
         }
     }
 
@@ -186,6 +197,11 @@ impl Level {
         matches!(self.0, Set::Avx512Popcnt)
     }
 
+    #[cfg(target_arch = "aarch64")]
+    pub(crate) fn has_neon(self) -> bool {
+        matches!(self.0, Set::Neon)
+    }
+
     #[cfg(target_arch = "x86_64")]
     pub(crate) fn has_avx2(self) -> bool {
         matches!(self.0, Set::Avx2 | Set::Avx512 | Set::Avx512Popcnt)
@@ -196,12 +212,13 @@ impl Level {
     /// Grey of as many leading pixels as vectors make; returns how many these are. The rest is the caller's.
     pub(crate) fn grey_from_leading(self, rgb: &[u8], out: &mut [u8]) -> usize {
         match self.0 {
-            Set::Portable => 0,
-            #[cfg(target_arch = "x86_64")]
-            Set::Sse2 => 0,
             #[cfg(target_arch = "x86_64")]
             // SAFETY: only `available` makes these levels, where AVX2 was detected.
             Set::Avx2 | Set::Avx512 | Set::Avx512Popcnt => unsafe { grey::grey_avx2(rgb, out) },
+            _ => {
+                let _ = (rgb, out);
+                0
+            }
         }
     }
 
@@ -237,6 +254,8 @@ impl Level {
             Set::Avx2 => self.run(With::<P, block::Avx2>(pass, PhantomData)),
             #[cfg(target_arch = "x86_64")]
             Set::Avx512 | Set::Avx512Popcnt => self.run(With::<P, block::Avx512>(pass, PhantomData)),
+            #[cfg(target_arch = "aarch64")]
+            Set::Neon => pass.run::<block::Portable>(),
         }
     }
 
@@ -250,6 +269,8 @@ impl Level {
             Set::Avx2 => self.run(WithLanes::<P, lanes::Avx2>(pass, PhantomData)),
             #[cfg(target_arch = "x86_64")]
             Set::Avx512 | Set::Avx512Popcnt => self.run(WithLanes::<P, lanes::Avx512>(pass, PhantomData)),
+            #[cfg(target_arch = "aarch64")]
+            Set::Neon => pass.run::<lanes::Portable>(),
         }
     }
 }

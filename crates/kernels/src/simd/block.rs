@@ -2,7 +2,10 @@
 //!
 //! For sums that must stay in registers over a long loop: whether the compiler keeps an array there hangs on details
 //! far away from the loop, so here the vectors are named.
-#![expect(unsafe_code, reason = "vector instructions, inside functions compiled for them")]
+#![cfg_attr(
+    target_arch = "x86_64",
+    expect(unsafe_code, reason = "vector instructions, inside functions compiled for them")
+)]
 
 pub(crate) const BLOCK: usize = 64;
 

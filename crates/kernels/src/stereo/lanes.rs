@@ -1,18 +1,22 @@
 //! What the fast matchers need of an instruction set: vectors of 16-bit lanes, and of twice as many bytes.
 //!
 //! The kernels are written once over [`Lanes`]. [`Portable`] is plain Rust: it runs on every machine and under Miri,
-//! and the compiler vectorises most of it; [`Avx2`] and [`Avx512`] name the instructions.
+//! and the compiler vectorises most of it; `Avx2`, `Avx512` and `Neon` name the instructions.
 #![expect(unsafe_code, reason = "vector instructions, and reads and writes of whole vectors")]
 
 #[cfg(target_arch = "x86_64")]
 mod avx2;
 #[cfg(target_arch = "x86_64")]
 mod avx512;
+#[cfg(target_arch = "aarch64")]
+mod neon;
 
 #[cfg(target_arch = "x86_64")]
 pub(in crate::stereo) use avx2::Avx2;
 #[cfg(target_arch = "x86_64")]
 pub(in crate::stereo) use avx512::Avx512;
+#[cfg(target_arch = "aarch64")]
+pub(in crate::stereo) use neon::Neon;
 
 pub(in crate::stereo) const COMPARED: usize = 32;
 

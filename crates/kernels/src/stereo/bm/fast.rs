@@ -1,4 +1,4 @@
-//! The fast implementation: named vectors of 16-bit sums, for machines with AVX2 or AVX-512.
+//! The fast implementation: named vectors of 16-bit sums, for machines with AVX2, AVX-512 or NEON.
 //!
 //! 1242x375 with 64 candidates and a block of 21 searches 408,000 pixels, 26 million cells. A cell costs about 8
 //! operations of 16-bit lanes to keep the sums of columns, 3 to keep that of the block, and 4 to choose; the choice of
@@ -40,6 +40,10 @@ impl Kernels {
         #[cfg(target_arch = "x86_64")]
         if fit && level.has_avx2() && search.disparities.is_multiple_of(32) {
             return Some(avx2::kernels(search.disparities));
+        }
+        #[cfg(target_arch = "aarch64")]
+        if fit && level.has_neon() && search.disparities.is_multiple_of(32) {
+            return Some(neon::kernels(search.disparities));
         }
         let _ = (level, fit);
         None
@@ -300,26 +304,26 @@ fn count_of<L: Lanes, const N: usize>(search: &Search) -> usize {
 }
 
 /// Compiles the kernels in a module of their own: `$lanes`, with the features `$feature`.
-#[cfg(target_arch = "x86_64")]
+#[cfg(any(target_arch = "x86_64", target_arch = "aarch64"))]
 macro_rules! compiled {
-    ($name:ident, $lanes:ty, $feature:literal) => {
+    ($name:ident, $lanes:ty $(, $feature:literal)?) => {
         mod $name {
             use super::{Advance, Choices, Choose, Kernels, Search};
             use crate::stereo::lanes::Lanes as _;
 
-            #[target_feature(enable = $feature)]
+            $(#[target_feature(enable = $feature)])?
             unsafe fn advance<const N: usize>(row: Advance<'_>) {
                 // SAFETY: as `Kernels` says.
                 unsafe { super::advance::<$lanes, N>(row) }
             }
 
-            #[target_feature(enable = $feature)]
+            $(#[target_feature(enable = $feature)])?
             unsafe fn choose<const N: usize>(row: Choose<'_>) {
                 // SAFETY: as `Kernels` says.
                 unsafe { super::choose::<$lanes, N>(row) }
             }
 
-            #[target_feature(enable = $feature)]
+            $(#[target_feature(enable = $feature)])?
             unsafe fn refine(search: &Search, choices: &Choices, disparity: &mut [i16], cost: &mut [i32]) {
                 super::refine(search, choices, disparity, cost);
             }
@@ -344,3 +348,5 @@ compiled!(
     crate::stereo::lanes::Avx512,
     "avx2,bmi1,bmi2,lzcnt,popcnt,avx512f,avx512bw,avx512dq,avx512vl,avx512vbmi2"
 );
+#[cfg(target_arch = "aarch64")]
+compiled!(neon, crate::stereo::lanes::Neon); // part of the target, so it needs no feature

@@ -78,7 +78,10 @@ fn kernels_of(level: Level, disparities: usize) -> Kernels {
             return kernels::avx2::kernels(disparities);
         }
     }
-    #[cfg(not(target_arch = "x86_64"))]
+    #[cfg(target_arch = "aarch64")]
+    if level.has_neon() {
+        return kernels::neon::kernels(disparities);
+    }
     let _ = level;
     kernels::portable::kernels(disparities)
 }

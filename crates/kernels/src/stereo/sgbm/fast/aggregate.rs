@@ -13,6 +13,9 @@ use crate::stereo::sgbm::search::Search;
 /// Where a slot keeps its smallest cost plus P2, after its costs.
 const DELTA: usize = 8;
 
+/// The borders, and what is between them.
+pub(super) const LEAST_PADDING: usize = 2 * DELTA;
+
 /// Padding before the first slot: a cache line.
 const LEAD: usize = 32;
 

@@ -80,7 +80,7 @@ macro_rules! compiled {
             }
 
             fn table<const N: usize>() -> Kernels {
-                let padding = <$lanes>::LANES;
+                let padding = <$lanes>::LANES.max(aggregate::LEAST_PADDING);
                 let (cost_row, block_costs, right_view) = (cost_row::<N>, block_costs::<N>, right_view::<N>);
                 let aggregate = aggregate::<N>;
                 let (decide, decide_more) = (decide::<N, false>, decide::<N, true>);
@@ -110,3 +110,5 @@ compiled!(
     crate::stereo::lanes::Avx512,
     "avx2,bmi1,bmi2,lzcnt,popcnt,avx512f,avx512bw,avx512dq,avx512vl,avx512vbmi2"
 );
+#[cfg(target_arch = "aarch64")]
+compiled!(neon, crate::stereo::lanes::Neon); // part of the target, so it needs no feature
