@@ -7,6 +7,7 @@
 mod earlier;
 mod inputs;
 mod maps;
+mod metres;
 mod sample;
 mod samples;
 mod selection;

@@ -9,8 +9,9 @@ use depthloom_recording::Recording;
 use depthloom_scores::ScoredPixels;
 use depthloom_threads::{into_unlocked, locked};
 
+use super::Distances;
+use super::metres::Metres;
 use super::samples::{FrameSamples, Samples};
-use super::{Distances, FARTHEST_M};
 use crate::error::AnalysisError;
 use crate::estimates::{Compared, Estimate};
 use crate::files::Output;
@@ -127,23 +128,23 @@ impl Maps {
             let compared: Vec<_> =
                 compared.into_iter().map(|(index, estimate)| (index, estimate.filter(has_truth_size))).collect();
             let (width, height) = truth.dimensions();
-            let pixels = ScoredPixels::new(truth, width as usize, height as usize, settings).by_metre(FARTHEST_M);
+            let pixels = ScoredPixels::new(truth, width as usize, height as usize, settings);
+            let metres = Metres::new(pixels.ground_truth_m());
             if compared.iter().any(|(_, estimate)| estimate.is_some()) {
                 let is_with_others = pending.iter().any(|(_, truth, _)| *truth == truth_place);
                 if is_with_others {
                     counted.entry(truth_place).or_insert_with(|| vec![false; (width * height) as usize]);
                 }
-                let mut counted_pixels = counted.get_mut(&truth_place);
-                for (metre, range) in pixels.metres().filter(|(metre, _)| *metre < FARTHEST_M) {
-                    let new = match &mut counted_pixels {
-                        None => range.len(),
-                        Some(counted) => {
-                            let places = pixels.positions()[range].iter();
-                            places.filter(|place| !std::mem::replace(&mut counted[**place as usize], true)).count()
+                let mut count = |metre: u32, pixels: u64| *counts.entry((self.run, metre)).or_default() += pixels;
+                match counted.get_mut(&truth_place) {
+                    None => metres.counts().for_each(|(metre, pixels)| count(metre, pixels as u64)),
+                    Some(counted) => {
+                        for (metre, place) in metres.of_pixels().zip(pixels.positions()) {
+                            let is_new = !std::mem::replace(&mut counted[*place as usize], true);
+                            if let (Some(metre), true) = (metre, is_new) {
+                                count(metre, 1);
+                            }
                         }
-                    };
-                    if new > 0 {
-                        *counts.entry((self.run, metre)).or_default() += new as u64;
                     }
                 }
             }
@@ -157,7 +158,7 @@ impl Maps {
             }
             for ((index, _), errors) in compared.iter().zip(&errors) {
                 if let Some(errors) = errors {
-                    samples.add(*index, &pixels, errors, &shared);
+                    samples.add(*index, &metres, errors, &shared);
                 }
             }
         }

@@ -1,10 +1,11 @@
 //! Collects samples.
 
+use std::ops::Range;
 use std::sync::Mutex;
 
-use depthloom_scores::ScoredPixels;
 use depthloom_threads::{Budget, Tiles as _, core_count, into_unlocked, locked};
 
+use super::metres::Metres;
 use super::sample::sample;
 use super::spill::Spill;
 use super::{DistanceBin, FARTHEST_M, Spread};
@@ -37,33 +38,23 @@ pub(super) struct FrameSamples(Vec<EstimateSamples>);
 struct EstimateSamples {
     estimate: usize,
     samples: Vec<u32>,
-    /// Metres, nearest first, each with the end of its samples.
-    ends: Vec<(usize, usize)>,
+    /// Metres, nearest first, each with the places of its samples.
+    metres: Vec<(u32, Range<usize>)>,
     /// The number of samples that were too far.
     beyond: u64,
 }
 
 impl FrameSamples {
-    /// Adds the valid pixels of an estimate, given their [errors](ScoredPixels::absolute_errors). `shared` states for
-    /// each scored pixel whether it is valid in all compared estimates. The pixels must be [sorted by
-    /// metre](ScoredPixels::by_metre).
-    pub(super) fn add(&mut self, estimate: usize, pixels: &ScoredPixels, errors_m: &[f32], shared: &[bool]) {
-        let mut samples = vec![0; errors_m.len()];
-        let (mut ends, mut beyond, mut kept) = (Vec::new(), 0, 0);
-        for (metre, range) in pixels.metres() {
-            if metre >= FARTHEST_M {
-                beyond += errors_m[range].iter().filter(|error| !error.is_nan()).count() as u64;
-                continue;
-            }
-            for (&error_m, &is_shared) in errors_m[range.clone()].iter().zip(&shared[range]) {
-                // Branch-free, because valid pixels have no predictable pattern.
-                samples[kept] = sample(error_m, is_shared);
-                kept += usize::from(!error_m.is_nan());
-            }
-            ends.push((metre as usize, kept));
-        }
-        samples.truncate(kept);
-        self.0.push(EstimateSamples { estimate, samples, ends, beyond });
+    /// Adds the valid pixels of an estimate, given their
+    /// [errors](depthloom_scores::ScoredPixels::absolute_errors). `shared` states for each scored pixel whether it is
+    /// valid in all compared estimates.
+    pub(super) fn add(&mut self, estimate: usize, metres: &Metres, errors_m: &[f32], shared: &[bool]) {
+        let pixels = errors_m.iter().zip(shared);
+        let (samples, mut metres) =
+            metres.sorted(pixels.map(|(&error_m, &is_shared)| (sample(error_m, is_shared), !error_m.is_nan())));
+        let too_far = metres.pop_if(|(metre, _)| *metre >= FARTHEST_M);
+        let beyond = too_far.map_or(0, |(_, places)| places.len() as u64);
+        self.0.push(EstimateSamples { estimate, samples, metres, beyond });
     }
 }
 
@@ -82,17 +73,16 @@ impl<'a> Samples<'a> {
 
     /// Adds the samples of a frame.
     pub(super) fn take(&mut self, frame: FrameSamples) -> Result<(), AnalysisError> {
-        for EstimateSamples { estimate, samples, ends, beyond } in frame.0 {
+        for EstimateSamples { estimate, samples, metres, beyond } in frame.0 {
             let bins = &mut self.in_memory[estimate];
-            self.count += samples.len();
             self.beyond[estimate] += beyond;
-            let mut start = 0;
-            for (metre, end) in ends {
+            for (metre, places) in metres {
+                let metre = metre as usize;
                 if metre >= bins.len() {
                     bins.resize_with(metre + 1, Vec::new);
                 }
-                bins[metre].extend_from_slice(&samples[start..end]);
-                start = end;
+                self.count += places.len();
+                bins[metre].extend_from_slice(&samples[places]);
             }
         }
         if self.count > self.at_most { self.spill() } else { Ok(()) }
@@ -229,12 +219,12 @@ mod tests {
         let settings = Settings::default();
         let mut samples = Samples::new(2, at_most, Output { folder: folder.path(), stop: &|| false });
         for (truth, estimates) in frames {
-            let pixels = ScoredPixels::new(truth, truth.len(), 1, &settings).by_metre(FARTHEST_M);
+            let pixels = ScoredPixels::new(truth, truth.len(), 1, &settings);
             let errors = estimates.each_ref().map(|estimate| pixels.absolute_errors(estimate, &settings));
             let shared: Vec<bool> = errors[0].iter().zip(&errors[1]).map(|(a, b)| !a.is_nan() && !b.is_nan()).collect();
             let mut frame = FrameSamples::default();
             for (estimate, errors) in errors.iter().enumerate() {
-                frame.add(estimate, &pixels, errors, &shared);
+                frame.add(estimate, &Metres::new(pixels.ground_truth_m()), errors, &shared);
             }
             samples.take(frame).unwrap();
         }
@@ -303,9 +293,9 @@ mod tests {
     fn pixels_that_are_too_far_are_excluded_and_counted() {
         let settings = Settings { max_m: 1e30, ..Settings::default() };
         let truth = [5.0, 1e9, 4095.5, 4096.0];
-        let pixels = ScoredPixels::new(&truth, 4, 1, &settings).by_metre(FARTHEST_M);
+        let pixels = ScoredPixels::new(&truth, 4, 1, &settings);
         let mut frame = FrameSamples::default();
-        frame.add(0, &pixels, &pixels.absolute_errors(&[6.0; 4], &settings), &[true; 4]);
+        frame.add(0, &Metres::new(pixels.ground_truth_m()), &pixels.absolute_errors(&[6.0; 4], &settings), &[true; 4]);
         let mut samples = Samples::new(1, 10, Output { folder: std::path::Path::new("."), stop: &|| false });
         samples.take(frame).unwrap();
         assert_eq!(samples.beyond(), [2]);

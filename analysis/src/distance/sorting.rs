@@ -7,79 +7,118 @@ use super::sample::{Which, error_bits, error_from_bits};
 use super::{PERCENTILES, Spread};
 use crate::query::place;
 
-/// The spreads of the samples of a metre: over all valid pixels, and over shared ones.
-pub(super) fn spreads(mut samples: Vec<u32>) -> [Option<Spread>; 2] {
-    let valid = spread(&mut samples);
-    let count = samples.len();
-    samples.retain(|sample| Which::Shared.has(*sample));
-    let shared = if samples.len() == count { valid } else { spread(&mut samples) };
-    [valid, shared]
-}
-
-fn spread(samples: &mut [u32]) -> Option<Spread> {
-    let last = samples.len().checked_sub(1)?;
-    let count = samples.len() as u64;
-    let below = PERCENTILES.map(|percentile| position(f64::from(percentile) / 100.0, count).0 as usize);
-    let mut ranks: Vec<usize> = below.into_iter().flat_map(|below| [below, (below + 1).min(last)]).collect();
-    // With few samples, neighbouring percentiles share their order statistics.
-    ranks.sort_unstable();
-    let found = at_ranks(samples, &ranks);
-    let percentiles_m = PERCENTILES.map(|percentile| {
-        let (below, share) = position(f64::from(percentile) / 100.0, count);
-        let error = |rank: usize| {
-            let place = ranks.binary_search(&rank).expect("`ranks` contains the ranks of all percentiles");
-            error_from_bits(error_bits(found[place]))
-        };
-        between(error(below as usize).into(), error((below as usize + 1).min(last)).into(), share)
-    });
-    Some(Spread { count, percentiles_m })
-}
-
-/// The number of classes for counting.
+/// The number of classes for counting. Fewer samples are sorted partially without it.
 const CLASSES: usize = 4096;
+/// The number of a class that contains no rank.
+const UNNUMBERED: u8 = u8::MAX;
 
-/// The samples with these ascending ranks.
+/// The spreads of the samples of a metre: over all valid pixels, and over shared ones.
 ///
-/// Samples are first counted in classes by size. Only classes that contain a rank are then sorted partially. This takes
-/// three passes over memory in total, where selecting each rank separately takes two per rank.
-fn at_ranks(samples: &mut [u32], ranks: &[usize]) -> Vec<u32> {
+/// Samples are first counted in classes by size. Only classes that contain a required rank are then sorted partially.
+/// This takes three passes over memory in total, where selecting each rank separately takes two per rank.
+pub(super) fn spreads(mut samples: Vec<u32>) -> [Option<Spread>; 2] {
     if samples.len() < CLASSES {
-        place(samples, 0, ranks);
-        return ranks.iter().map(|rank| samples[*rank]).collect();
+        let valid = spread_of_few(&mut samples);
+        samples.retain(|sample| Which::Shared.has(*sample));
+        return [valid, spread_of_few(&mut samples)];
     }
     let lowest = samples.iter().fold(u32::MAX, |lowest, sample| lowest.min(*sample));
     let highest = samples.iter().fold(0, |highest, sample| highest.max(*sample));
     // The highest sample falls into the last class or an earlier one.
     let shift = (highest - lowest).checked_ilog2().map_or(0, |bits| (bits + 1).saturating_sub(CLASSES.ilog2()));
     let class = |sample: u32| ((sample - lowest) >> shift) as usize % CLASSES;
-    let mut counts = [0_u32; CLASSES];
-    samples.iter().for_each(|sample| counts[class(*sample)] += 1);
-    // The class of each rank and the first rank in that class; each class with a rank is numbered.
-    let (mut class_of_rank, mut numbers, mut classes) =
-        (Vec::with_capacity(ranks.len()), [u8::MAX; CLASSES], Vec::new());
-    let (mut at, mut before) = (0, 0);
-    for &rank in ranks {
-        while before + counts[at] as usize <= rank {
-            before += counts[at] as usize;
-            at += 1;
-        }
-        if numbers[at] == u8::MAX {
-            numbers[at] = classes.len() as u8;
-            classes.push((before, Vec::with_capacity(counts[at] as usize)));
-        }
-        class_of_rank.push(usize::from(numbers[at]));
+    // By class: all samples, and those of shared pixels.
+    let mut counts = [[0_u32; 2]; CLASSES];
+    for &sample in &samples {
+        let [valid, shared] = &mut counts[class(sample)];
+        *valid += 1;
+        *shared += u32::from(Which::Shared.has(sample));
     }
-    for &sample in &*samples {
-        if let Some((_, members)) = classes.get_mut(usize::from(numbers[class(sample)])) {
-            members.push(sample);
+    let mut selected = [0, 1].map(|set| Selected::new(&counts.map(|counts| counts[set])));
+    for &sample in &samples {
+        let class = class(sample);
+        for (selected, which) in selected.iter_mut().zip([Which::Valid, Which::Shared]) {
+            if selected.numbers[class] != UNNUMBERED && which.has(sample) {
+                selected.classes[usize::from(selected.numbers[class])].members.push(sample);
+            }
         }
     }
-    for (number, (first, members)) in classes.iter_mut().enumerate() {
-        let in_class = |at: usize| class_of_rank[at] == number;
-        let ranks: Vec<usize> = (0..ranks.len()).filter(|at| in_class(*at)).map(|at| ranks[at]).collect();
-        place(members, *first, &ranks);
+    selected.map(Selected::spread)
+}
+
+fn spread_of_few(samples: &mut [u32]) -> Option<Spread> {
+    let ranks = ranks(samples.len());
+    place(samples, 0, &ranks);
+    spread(samples.len(), |rank| samples[rank])
+}
+
+/// The ranks that the percentiles of this many samples depend on, ascending. With few samples, neighbouring percentiles
+/// share them.
+fn ranks(count: usize) -> Vec<usize> {
+    let Some(last) = count.checked_sub(1) else { return Vec::new() };
+    let below = PERCENTILES.map(|percentile| position(f64::from(percentile) / 100.0, count as u64).0 as usize);
+    let mut ranks: Vec<usize> = below.into_iter().flat_map(|below| [below, (below + 1).min(last)]).collect();
+    ranks.sort_unstable();
+    ranks
+}
+
+/// The spread of this many samples, given those with the [`ranks`].
+fn spread(count: usize, at_rank: impl Fn(usize) -> u32) -> Option<Spread> {
+    let last = count.checked_sub(1)?;
+    let error_m = |rank: usize| f64::from(error_from_bits(error_bits(at_rank(rank))));
+    let percentiles_m = PERCENTILES.map(|percentile| {
+        let (below, share) = position(f64::from(percentile) / 100.0, count as u64);
+        between(error_m(below as usize), error_m((below as usize + 1).min(last)), share)
+    });
+    Some(Spread { count: count as u64, percentiles_m })
+}
+
+/// The classes that contain a required rank.
+struct Selected {
+    /// The number of samples.
+    count: usize,
+    ranks: Vec<usize>,
+    /// By class its index in `classes`.
+    numbers: [u8; CLASSES],
+    classes: Vec<Class>,
+}
+
+struct Class {
+    /// The rank of its first sample.
+    first: usize,
+    members: Vec<u32>,
+}
+
+impl Selected {
+    fn new(counts: &[u32; CLASSES]) -> Self {
+        let count = counts.iter().map(|count| *count as usize).sum();
+        let (ranks, mut numbers, mut classes) = (ranks(count), [UNNUMBERED; CLASSES], Vec::new());
+        let (mut at, mut first) = (0, 0);
+        for &rank in &ranks {
+            while first + counts[at] as usize <= rank {
+                first += counts[at] as usize;
+                at += 1;
+            }
+            if numbers[at] == UNNUMBERED {
+                numbers[at] = classes.len() as u8;
+                classes.push(Class { first, members: Vec::with_capacity(counts[at] as usize) });
+            }
+        }
+        Self { count, ranks, numbers, classes }
     }
-    ranks.iter().zip(class_of_rank).map(|(rank, number)| classes[number].1[rank - classes[number].0]).collect()
+
+    /// The spread, once the classes have their members.
+    fn spread(mut self) -> Option<Spread> {
+        for Class { first, members } in &mut self.classes {
+            let (below, end) = (|rank: &usize| *rank < *first, *first + members.len());
+            let ranks = &self.ranks[self.ranks.partition_point(below)..self.ranks.partition_point(|rank| *rank < end)];
+            place(members, *first, ranks);
+        }
+        spread(self.count, |rank| {
+            let class = &self.classes[self.classes.partition_point(|class| class.first <= rank) - 1];
+            class.members[rank - class.first]
+        })
+    }
 }
 
 #[cfg(test)]

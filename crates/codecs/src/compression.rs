@@ -19,10 +19,15 @@ pub fn compress(from: &[u8], into: &mut (impl WriteBuf + ?Sized)) -> io::Result<
     compress_with(&[CParameter::CompressionLevel(LEVEL)], from, into)
 }
 
-/// As [`compress`], for bytes that repeat nearby: a smaller window and table take less time, and blocks of 32 KiB have
-/// codes of their own.
-pub fn compress_local(from: &[u8], into: &mut (impl WriteBuf + ?Sized)) -> io::Result<usize> {
-    let parameters = [CParameter::CompressionLevel(LEVEL), CParameter::WindowLog(15), CParameter::HashLog(12)];
+/// As [`compress`], for bytes of which few repeat: only longer matches are looked for, in a small table. This takes half
+/// the time on the codes of maps, for a few percent more bytes.
+pub fn compress_sparse(from: &[u8], into: &mut (impl WriteBuf + ?Sized)) -> io::Result<usize> {
+    let parameters = [
+        CParameter::CompressionLevel(LEVEL),
+        CParameter::WindowLog(17),
+        CParameter::HashLog(11),
+        CParameter::MinMatch(6),
+    ];
     compress_with(&parameters, from, into)
 }
 
@@ -45,7 +50,7 @@ fn failed(code: usize) -> io::Error {
 
 #[cfg(test)]
 mod tests {
-    use super::{bound, compress, compress_local, decompress};
+    use super::{bound, compress, compress_sparse, decompress};
 
     #[test]
     fn the_bytes_are_those_of_the_librarys_own_interface() {
@@ -53,9 +58,9 @@ mod tests {
         let mut packed = Vec::with_capacity(bound(bytes.len()));
         compress(&bytes, &mut packed).unwrap();
         assert!(packed == zstd::bulk::compress(&bytes, super::LEVEL).unwrap());
-        let mut local = Vec::with_capacity(bound(bytes.len()));
-        compress_local(&bytes, &mut local).unwrap();
-        assert!(zstd::bulk::decompress(&local, bytes.len()).unwrap() == bytes);
+        let mut sparse = Vec::with_capacity(bound(bytes.len()));
+        compress_sparse(&bytes, &mut sparse).unwrap();
+        assert!(zstd::bulk::decompress(&sparse, bytes.len()).unwrap() == bytes);
         let mut unpacked = Vec::with_capacity(bytes.len());
         decompress(&packed, &mut unpacked).unwrap();
         assert!(unpacked == bytes);

@@ -55,7 +55,7 @@ impl PackedFloats {
         codes.extend(highs.iter().map(|high| high[0]));
         codes.extend(highs.iter().map(|high| high[1]));
         let mut compressed = Vec::with_capacity(compression::bound(codes.len()));
-        compression::compress_local(&codes, &mut compressed)?;
+        compression::compress_sparse(&codes, &mut compressed)?;
         Ok(Self { codes: compressed, lows })
     }
 }

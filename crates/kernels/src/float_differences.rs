@@ -11,7 +11,7 @@
 //! | 3 | any other | these, and its high 16 bits in `highs` |
 
 use crate::simd::differences_plain::{BLOCK, Progress, Room};
-use crate::simd::{Level, Pass};
+use crate::simd::{Level, Pass, differences_of, samples_of};
 
 /// Samples that are worked on at a time.
 const STRETCH: usize = 64 * BLOCK;
@@ -60,7 +60,7 @@ impl Parts {
         let last = if rest.is_empty() { &[][..] } else { &[last] };
         for stretch in blocks.chunks(STRETCH / BLOCK).chain([last]) {
             room.progress = Progress { last: room.progress.last, ..Progress::default() };
-            level.differences_of(stretch, &mut room);
+            differences_of(level, stretch, &mut room);
             let Room { classes, middles: of_stretch, lows, highs, progress } = &room;
             parts.classes.extend_from_slice(&classes[..progress.blocks * BLOCK / 4]);
             middles.extend_from_slice(&of_stretch[..progress.middles]);
@@ -100,7 +100,7 @@ impl Parts {
             progress: Progress::default(),
         };
         let mut samples = vec![0.0; count.next_multiple_of(BLOCK)];
-        level.samples_of(&mut room, samples.as_chunks_mut::<BLOCK>().0)?;
+        samples_of(level, &mut room, samples.as_chunks_mut::<BLOCK>().0)?;
         samples.truncate(count);
         let Progress { lows, middles: middle_count, highs, .. } = room.progress;
         ((lows, middle_count.div_ceil(2), highs) == (low_count, middles.len(), high_count)).then_some(samples)

@@ -14,6 +14,7 @@
 //! assert_eq!(rows[1].score("a1"), Some(0.5)); // 11/10 is within 1.25, 26/20 is not
 //! ```
 
+mod aligned;
 mod crop;
 mod disparity;
 mod extra;

@@ -8,7 +8,7 @@
 ///
 /// `x = 2^k m` with `m` in `[sqrt(1/2), sqrt 2)`, `ln x = k ln 2 + 2 artanh s` with `s = (m - 1) / (m + 1)`, `|s|
 /// <= 0.1716`; the series of artanh is cut where its next term is below 3e-18 of the first.
-#[inline]
+#[inline(always)] // for passes that are compiled for several instruction sets
 #[must_use]
 pub fn ln(x: f64) -> f64 {
     /// The bits of `sqrt(1/2)`.

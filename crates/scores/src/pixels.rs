@@ -1,9 +1,14 @@
 //! Which pixels of a frame are scored.
 
-use std::ops::Range;
+use depthloom_simd::{Level, Pass};
 
+use crate::aligned::{Aligned, Scaled, ScaledAndShifted};
+use crate::crop::Window;
 use crate::quantile::median;
 use crate::{Align, Line, Settings, UncertainPixel, Uncertainty, UncertaintyKind};
+
+/// Pixels that are worked on at a time.
+pub(crate) const CHUNK: usize = 256;
 
 /// The pixels of a frame whose truth is scored: found once, used for every estimate of the frame.
 #[derive(Clone, Debug, Default, PartialEq)]
@@ -28,43 +33,8 @@ impl ScoredPixels {
         let window = settings.crop.window(width, height);
         // Bounds as the maps hold them: a truth of exactly 1e-3 m in f32 is not above 1e-3.
         let (min_m, max_m) = (settings.min_m as f32, settings.max_m as f32);
-        let (mut at, mut truths) = (Vec::new(), Vec::new());
-        let (mut row_at, mut row_truths) = (vec![0; width], vec![0.0; width]);
-        for row in window.rows {
-            let first = row * width;
-            let mut scored = 0;
-            for column in window.columns.clone() {
-                let t = ground_truth_m[first + column];
-                row_at[scored] = (first + column) as u32;
-                row_truths[scored] = t;
-                // Without a branch: sparse truth has no pattern to predict. NaN compares false.
-                scored += usize::from(t > min_m && t < max_m);
-            }
-            at.extend_from_slice(&row_at[..scored]);
-            truths.extend_from_slice(&row_truths[..scored]);
-        }
+        let (at, truths) = Level::best().run(Search { ground_truth_m, width, window, min_m, max_m });
         Self { at, ground_truth_m: truths, of: ground_truth_m.len() }
-    }
-
-    /// The same pixels by whole metres of their truth, within a metre as they were; what is `farthest_m` away or
-    /// farther comes last, as one metre. For what depends on no order: sums do, in their last bits.
-    #[must_use]
-    pub fn by_metre(&self, farthest_m: u32) -> Self {
-        let metre = |t: f32| (t as u32).min(farthest_m) as usize;
-        let mut next = vec![0; farthest_m as usize + 2];
-        self.ground_truth_m.iter().for_each(|&t| next[metre(t) + 1] += 1);
-        let mut before = 0;
-        for place in &mut next {
-            before += *place;
-            *place = before;
-        }
-        let mut sorted = Self { at: vec![0; self.len()], ground_truth_m: vec![0.0; self.len()], of: self.of };
-        for (&at, &t) in self.at.iter().zip(&self.ground_truth_m) {
-            let place = &mut next[metre(t)];
-            (sorted.at[*place], sorted.ground_truth_m[*place]) = (at, t);
-            *place += 1;
-        }
-        sorted
     }
 
     /// How many pixels are scored.
@@ -79,8 +49,7 @@ impl ScoredPixels {
         self.at.is_empty()
     }
 
-    /// Where the scored pixels are: row-major positions in the image, ascending unless they were [put in another
-    /// order](Self::by_metre).
+    /// Where the scored pixels are: row-major positions in the image, ascending.
     #[must_use]
     pub fn positions(&self) -> &[u32] {
         &self.at
@@ -113,28 +82,39 @@ impl ScoredPixels {
         valid: impl FnMut(f64, f64),
         missing: impl FnMut(f64),
     ) {
-        match alignment {
-            Alignment::Factor(factor) => self.each(estimate, scaled(estimate, factor, settings), valid, missing),
-            Alignment::Inverse { scale, shift } => {
-                self.each(estimate, scaled_and_shifted(estimate, scale, shift, settings), valid, missing);
-            }
-        }
+        self.each_chunk(estimate, alignment, settings, &mut Visit { valid, missing });
     }
 
-    fn each(
+    /// Hands on all scored pixels, chunk by chunk.
+    ///
+    /// # Panics
+    /// If the estimate is of another size than the truth.
+    pub(crate) fn each_chunk(
         &self,
         estimate: DepthEstimate<'_>,
-        scored: impl Fn(usize) -> f64,
-        mut valid: impl FnMut(f64, f64),
-        mut missing: impl FnMut(f64),
+        alignment: Alignment,
+        settings: &Settings,
+        each: &mut impl EachChunk,
+    ) {
+        self.each_chunk_at(Level::best(), estimate, alignment, settings, each);
+    }
+
+    pub(crate) fn each_chunk_at(
+        &self,
+        level: Level,
+        estimate: DepthEstimate<'_>,
+        alignment: Alignment,
+        settings: &Settings,
+        each: &mut impl EachChunk,
     ) {
         assert_eq!(estimate.metres.len(), self.of, "the estimate has as many pixels as the truth");
-        for (&at, &t) in self.at.iter().zip(&self.ground_truth_m) {
-            let y = scored(at as usize);
-            if y.is_nan() {
-                missing(f64::from(t));
-            } else {
-                valid(f64::from(t), y);
+        match alignment {
+            Alignment::Factor(factor) => {
+                level.run(Chunks { pixels: self, aligned: Scaled::new(estimate, factor, settings), each });
+            }
+            Alignment::Inverse { scale, shift } => {
+                let aligned = ScaledAndShifted::new(estimate, scale, shift, settings);
+                level.run(Chunks { pixels: self, aligned, each });
             }
         }
     }
@@ -175,8 +155,8 @@ impl ScoredPixels {
         let (Uncertainty::Deviation(map) | Uncertainty::Confidence(map)) = uncertainty;
         assert_eq!([estimate.metres.len(), map.len()], [self.of; 2], "all maps have as many pixels as the truth");
         let scored = |at: usize| match alignment {
-            Alignment::Factor(factor) => scaled(estimate, factor, settings)(at),
-            Alignment::Inverse { scale, shift } => scaled_and_shifted(estimate, scale, shift, settings)(at),
+            Alignment::Factor(factor) => Scaled::new(estimate, factor, settings).at(at),
+            Alignment::Inverse { scale, shift } => ScaledAndShifted::new(estimate, scale, shift, settings).at(at),
         };
         let known = |value: f64| if value.is_finite() { value } else { f64::INFINITY };
         let pixel = |(&at, &t): (&u32, &f32)| {
@@ -200,28 +180,11 @@ impl ScoredPixels {
         self.at.iter().zip(&self.ground_truth_m).filter_map(pixel).collect()
     }
 
-    /// `of(t, y)` at all scored pixels; NaN where the estimate is missing.
+    /// `of(t, y)` at all scored pixels; `y` is NaN where the estimate is missing.
     fn mapped(&self, estimate: DepthEstimate<'_>, settings: &Settings, of: impl Fn(f64, f64) -> f32) -> Vec<f32> {
-        match self.alignment(estimate, settings) {
-            Alignment::Factor(factor) => self.all(scaled(estimate, factor, settings), of),
-            Alignment::Inverse { scale, shift } => self.all(scaled_and_shifted(estimate, scale, shift, settings), of),
-        }
-    }
-
-    /// Without a branch on whether the estimate is valid, which follows no pattern.
-    fn all(&self, scored: impl Fn(usize) -> f64, of: impl Fn(f64, f64) -> f32) -> Vec<f32> {
-        let pixels = self.at.iter().zip(&self.ground_truth_m);
-        pixels.map(|(&at, &t)| of(f64::from(t), scored(at as usize))).collect()
-    }
-
-    /// Whole metres of the truth and the pixels that have it, in order, where they stand [by metre](Self::by_metre).
-    pub fn metres(&self) -> impl Iterator<Item = (u32, Range<usize>)> {
-        let metres = self.ground_truth_m.chunk_by(|a, b| *a as u32 == *b as u32);
-        metres.scan(0, |end, of_metre| {
-            let start = *end;
-            *end += of_metre.len();
-            Some((of_metre[0] as u32, start..*end))
-        })
+        let mut mapped = Mapped { of, out: Vec::with_capacity(self.len()) };
+        self.each_chunk(estimate, self.alignment(estimate, settings), settings, &mut mapped);
+        mapped.out
     }
 
     /// What the settings do to this estimate, fitted over the scored pixels that have one.
@@ -291,7 +254,7 @@ impl<'a> DepthEstimate<'a> {
     }
 
     /// Inverse depth at a pixel, 1/m; NaN where it is missing. A depth of zero or below counts as `min_m`.
-    fn inverse(&self, at: usize, min_m: f64) -> f64 {
+    pub(crate) fn inverse(&self, at: usize, min_m: f64) -> f64 {
         let own = self.inverse.map_or(f32::NAN, |map| map[at]);
         if own.is_finite() {
             return f64::from(own);
@@ -344,43 +307,122 @@ impl Alignment {
         let pixels = 0..estimate.metres.len();
         match self {
             Self::Factor(factor) => {
-                let scored = scaled(estimate, factor, settings);
-                pixels.map(|at| scored(at) as f32).collect()
+                let scaled = Scaled::new(estimate, factor, settings);
+                pixels.map(|at| scaled.at(at) as f32).collect()
             }
             Self::Inverse { scale, shift } => {
-                let scored = scaled_and_shifted(estimate, scale, shift, settings);
-                pixels.map(|at| scored(at) as f32).collect()
+                let scaled = ScaledAndShifted::new(estimate, scale, shift, settings);
+                pixels.map(|at| scaled.at(at) as f32).collect()
             }
         }
     }
 }
 
-/// An estimate multiplied and clamped, by pixel; NaN where it is missing.
-fn scaled(estimate: DepthEstimate<'_>, factor: f64, settings: &Settings) -> impl Fn(usize) -> f64 {
-    let (min_m, max_m) = (settings.min_m, settings.max_m);
-    move |at| {
-        let y = estimate.metres[at];
-        let scored = (f64::from(y) * factor).clamp(min_m, max_m);
-        if y.is_finite() { scored } else { f64::NAN }
+/// Looks for the scored pixels.
+struct Search<'a> {
+    ground_truth_m: &'a [f32],
+    width: usize,
+    window: Window,
+    min_m: f32,
+    max_m: f32,
+}
+
+impl Pass for Search<'_> {
+    /// Positions, and truths in metres.
+    type Output = (Vec<u32>, Vec<f32>);
+
+    #[inline(always)]
+    fn run(self) -> (Vec<u32>, Vec<f32>) {
+        const GROUP: usize = 16;
+        let Self { ground_truth_m, width, window, min_m, max_m } = self;
+        // NaN compares false.
+        let is_scored = |t: f32| (t > min_m) & (t < max_m);
+        let (mut at, mut truths) = (Vec::new(), Vec::new());
+        let (mut row_at, mut row_truths) = (vec![0; width], vec![0.0; width]);
+        for row in window.rows {
+            let first = row * width + window.columns.start;
+            let mut scored = 0;
+            for (group, first) in
+                ground_truth_m[first..][..window.columns.len()].chunks(GROUP).zip((first..).step_by(GROUP))
+            {
+                // Sparse truth has none in most groups.
+                if !group.iter().fold(false, |any, t| any | is_scored(*t)) {
+                    continue;
+                }
+                for (&t, position) in group.iter().zip(first..) {
+                    row_at[scored] = position as u32;
+                    row_truths[scored] = t;
+                    // Without a branch: sparse truth has no pattern to predict.
+                    scored += usize::from(is_scored(t));
+                }
+            }
+            at.extend_from_slice(&row_at[..scored]);
+            truths.extend_from_slice(&row_truths[..scored]);
+        }
+        (at, truths)
     }
 }
 
-/// An estimate of which the inverse is scaled and shifted, clamped, by pixel; what is then at infinity or behind it is
-/// farthest. NaN where it is missing.
-fn scaled_and_shifted(
-    estimate: DepthEstimate<'_>,
-    scale: f64,
-    shift: f64,
-    settings: &Settings,
-) -> impl Fn(usize) -> f64 {
-    let (min_m, max_m) = (settings.min_m, settings.max_m);
-    move |at| {
-        let inverse = scale * estimate.inverse(at, min_m) + shift;
-        match inverse {
-            _ if inverse.is_nan() => f64::NAN,
-            _ if inverse > 0.0 => (1.0 / inverse).clamp(min_m, max_m),
-            _ => max_m,
+/// What is done with the scored pixels.
+pub(crate) trait EachChunk {
+    /// Takes the next pixels, at most [`CHUNK`]: the truth, and the estimate as it is scored (aligned, clamped), NaN
+    /// where it is missing; metres. `#[inline(always)]`, as what a [`Pass`] calls.
+    fn chunk(&mut self, ground_truth_m: &[f32], estimate_m: &[f64]);
+}
+
+struct Chunks<'a, A, E> {
+    pixels: &'a ScoredPixels,
+    aligned: A,
+    each: &'a mut E,
+}
+
+impl<A: Aligned, E: EachChunk> Pass for Chunks<'_, A, E> {
+    type Output = ();
+
+    #[inline(always)]
+    fn run(self) {
+        let mut metres = [0.0; CHUNK];
+        for (at, truths) in self.pixels.at.chunks(CHUNK).zip(self.pixels.ground_truth_m.chunks(CHUNK)) {
+            let metres = &mut metres[..at.len()];
+            // Two loops: the first reads pixels from all over the map, the second is done in vectors.
+            for (metres, at) in metres.iter_mut().zip(at) {
+                *metres = self.aligned.before(*at as usize);
+            }
+            for metres in &mut *metres {
+                *metres = self.aligned.scored(*metres);
+            }
+            self.each.chunk(truths, metres);
         }
+    }
+}
+
+struct Visit<V, M> {
+    valid: V,
+    missing: M,
+}
+
+impl<V: FnMut(f64, f64), M: FnMut(f64)> EachChunk for Visit<V, M> {
+    #[inline(always)]
+    fn chunk(&mut self, ground_truth_m: &[f32], estimate_m: &[f64]) {
+        for (&t, &y) in ground_truth_m.iter().zip(estimate_m) {
+            if y.is_nan() {
+                (self.missing)(f64::from(t));
+            } else {
+                (self.valid)(f64::from(t), y);
+            }
+        }
+    }
+}
+
+struct Mapped<F> {
+    of: F,
+    out: Vec<f32>,
+}
+
+impl<F: Fn(f64, f64) -> f32> EachChunk for Mapped<F> {
+    #[inline(always)]
+    fn chunk(&mut self, ground_truth_m: &[f32], estimate_m: &[f64]) {
+        self.out.extend(ground_truth_m.iter().zip(estimate_m).map(|(&t, &y)| (self.of)(f64::from(t), y)));
     }
 }
 
@@ -403,17 +445,6 @@ mod tests {
         let pixels = ScoredPixels::new(&truth, 1242, 375, &settings);
         assert_eq!(pixels.len(), (371 - 153) * (1197 - 44));
         assert_eq!((pixels.at[0], pixels.at[pixels.len() - 1]), (153 * 1242 + 44, 370 * 1242 + 1196));
-    }
-
-    #[test]
-    fn pixels_by_metre_are_the_same_pixels() {
-        let truth = [3.5, 9.0, 3.25, f32::NAN, 70.0, 1.0, 60.0, 3.75];
-        let pixels = ScoredPixels::new(&truth, 4, 2, &Settings::default()).by_metre(50);
-        assert_eq!(pixels.positions(), [5, 0, 2, 7, 1, 4, 6]);
-        assert_eq!(pixels.ground_truth_m(), [1.0, 3.5, 3.25, 3.75, 9.0, 70.0, 60.0]);
-        let metres: Vec<_> = pixels.metres().collect();
-        assert_eq!(metres, [(1, 0..1), (3, 1..4), (9, 4..5), (70, 5..6), (60, 6..7)]);
-        assert!(ScoredPixels::default().by_metre(50).is_empty());
     }
 
     #[test]

@@ -5,7 +5,7 @@ use crate::extra::Extra;
 use crate::pixels::{Alignment, DepthEstimate, ScoredPixels};
 use crate::row::{PixelSet, ScoreRow};
 use crate::settings::Settings;
-use crate::sums::Block;
+use crate::sums::ValidAndMissing;
 use crate::uncertainty::{Sparsification, UncertaintyScores};
 use crate::zones::{Clues, ZoneParams};
 use crate::{Family, Metric};
@@ -85,22 +85,12 @@ impl DepthScores {
         alignment: Alignment,
     ) -> Vec<ScoreRow> {
         let settings = &self.settings;
-        let (mut valid, mut missing) = (Block::new(), Block::new());
-        let count_missing = self.sets.contains(&PixelSet::All);
-        pixels.visit(
-            estimate,
-            alignment,
-            settings,
-            |t, y| valid.push(t, y),
-            |t| {
-                if count_missing {
-                    missing.push(t, settings.missing_m);
-                }
-            },
-        );
-        let valid = valid.finish();
+        let counts_missing = self.sets.contains(&PixelSet::All);
+        let mut sums = ValidAndMissing::new(counts_missing.then_some(settings.missing_m));
+        pixels.each_chunk(estimate, alignment, settings, &mut sums);
+        let [valid, missing] = sums.finish();
         let mut all = valid;
-        all.merge(&missing.finish());
+        all.merge(&missing);
         let mut extra = Extra::is_requested(&self.metrics).then(|| self.extra(estimate, pixels, alignment));
         let uncertainty = UncertaintyScores::is_requested(&self.metrics).then(|| {
             let pixels = pixels.uncertain(estimate, alignment, settings);

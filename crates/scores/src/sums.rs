@@ -1,20 +1,98 @@
 //! The sums of a row of metrics, computed block by block.
 
 use crate::ln::ln;
+use crate::pixels::{CHUNK, EachChunk};
 use crate::row::ScoreRow;
 use crate::{DEPTH, ScaleInvariant, Settings, SquaredRelative};
 
 /// Pixels of a block: short enough for the first cache, long enough that its end costs nothing.
-const BLOCK: usize = 256;
+const BLOCK: usize = CHUNK;
 /// Partial sums kept side by side, so that additions vectorise; their number fixes the result's bits.
 const LANES: usize = 8;
 
-/// Pairs on their way into [`Sums`].
-pub(crate) struct Block {
-    t: [f64; BLOCK],
-    y: [f64; BLOCK],
-    filled: usize,
+/// The sums over the pixels with an estimate, and over those without one as far as they count.
+pub(crate) struct ValidAndMissing {
+    valid: Blocks,
+    missing: Blocks,
+    /// What a missing estimate counts as, metres; `None`: it does not count.
+    missing_m: Option<f64>,
+}
+
+impl ValidAndMissing {
+    pub(crate) const fn new(missing_m: Option<f64>) -> Self {
+        Self { valid: Blocks::new(), missing: Blocks::new(), missing_m }
+    }
+
+    /// Over the valid pixels, and over the missing ones.
+    pub(crate) fn finish(self) -> [Sums; 2] {
+        [self.valid.finish(), self.missing.finish()]
+    }
+}
+
+impl EachChunk for ValidAndMissing {
+    #[inline(always)]
+    fn chunk(&mut self, ground_truth_m: &[f32], estimate_m: &[f64]) {
+        let is_complete = self.valid.extend(ground_truth_m, estimate_m);
+        if let (Some(missing_m), false) = (self.missing_m, is_complete) {
+            let mut replaced = [f64::NAN; CHUNK];
+            for (replaced, y) in replaced.iter_mut().zip(estimate_m) {
+                *replaced = if y.is_nan() { missing_m } else { f64::NAN };
+            }
+            self.missing.extend(ground_truth_m, &replaced);
+        }
+    }
+}
+
+/// Pixels on their way into [`Sums`].
+struct Blocks {
+    /// Truth and estimate, metres.
+    t: [f64; 2 * BLOCK],
+    y: [f64; 2 * BLOCK],
+    /// How many pixels wait, less than a block.
+    waiting: usize,
     sums: Sums,
+}
+
+impl Blocks {
+    const fn new() -> Self {
+        Self { t: [1.0; 2 * BLOCK], y: [1.0; 2 * BLOCK], waiting: 0, sums: Sums::EMPTY }
+    }
+
+    /// Adds the pixels of a chunk whose estimate is not NaN: truth and estimate, metres, both positive. Returns whether
+    /// these are all.
+    #[inline(always)]
+    fn extend(&mut self, t: &[f32], y: &[f64]) -> bool {
+        let mut waiting = self.waiting;
+        for (&t, &y) in t.iter().zip(y) {
+            // Without a branch: valid pixels have no pattern to predict.
+            (self.t[waiting], self.y[waiting]) = (f64::from(t), y);
+            waiting += usize::from(!y.is_nan());
+        }
+        let is_complete = waiting - self.waiting == y.len();
+        if let Some(more) = waiting.checked_sub(BLOCK) {
+            let ([t, _], [y, _]) = (halves(&self.t), halves(&self.y));
+            self.sums.add_block(t, y, BLOCK);
+            self.t.copy_within(BLOCK..waiting, 0);
+            self.y.copy_within(BLOCK..waiting, 0);
+            waiting = more;
+        }
+        self.waiting = waiting;
+        is_complete
+    }
+
+    fn finish(mut self) -> Sums {
+        self.t[self.waiting..].fill(1.0);
+        self.y[self.waiting..].fill(1.0);
+        let ([t, _], [y, _]) = (halves(&self.t), halves(&self.y));
+        self.sums.add_block(t, y, self.waiting);
+        self.sums
+    }
+}
+
+#[inline(always)]
+fn halves(both: &[f64; 2 * BLOCK]) -> [&[f64; BLOCK]; 2] {
+    let (first, second) = both.split_at(BLOCK);
+    [first, second].map(|half| half.try_into().expect("half as many"))
 }
 
 /// The sums over some pixels.
@@ -32,30 +110,14 @@ pub(crate) struct Sums {
     log_spread: f64,
 }
 
-impl Block {
-    pub(crate) const fn new() -> Self {
-        Self { t: [1.0; BLOCK], y: [1.0; BLOCK], filled: 0, sums: Sums::EMPTY }
-    }
+const ZEROS: [f64; LANES] = [0.0; LANES];
 
-    /// Adds a pixel: truth and estimate, metres, both positive.
-    #[inline]
-    pub(crate) fn push(&mut self, t: f64, y: f64) {
-        self.t[self.filled] = t;
-        self.y[self.filled] = y;
-        self.filled += 1;
-        if self.filled == BLOCK {
-            self.sums.add_block(&self.t, &self.y);
-            self.filled = 0;
-        }
-    }
-
-    /// The sums over all pixels pushed.
-    pub(crate) fn finish(mut self) -> Sums {
-        self.sums.add_block(&self.t[..self.filled], &self.y[..self.filled]);
-        self.sums
-    }
+#[inline(always)]
+fn rows(block: &[f64; BLOCK]) -> impl Iterator<Item = &[f64; LANES]> {
+    block.as_chunks::<LANES>().0.iter()
 }
 
+#[inline(always)]
 fn lanes_sum(lanes: [f64; LANES]) -> f64 {
     let half: [f64; 4] = std::array::from_fn(|i| lanes[i] + lanes[i + 4]);
     (half[0] + half[2]) + (half[1] + half[3])
@@ -74,56 +136,63 @@ impl Sums {
         log_spread: 0.0,
     };
 
-    fn add_block(&mut self, t: &[f64], y: &[f64]) {
-        if t.is_empty() {
+    /// Adds the first `count` pixels of a block; the others are 1 m, truth and estimate.
+    #[inline(always)]
+    fn add_block(&mut self, t: &[f64; BLOCK], y: &[f64; BLOCK], count: usize) {
+        if count == 0 {
             return;
         }
+        // A loop for each sum or two: each is done in vectors, whose partial sums stay in registers.
         let mut logs = [0.0; BLOCK];
-        let mut within = [[0_u64; LANES]; 3];
-        let mut sums = [[0.0; LANES]; 6];
-        let whole = t.len() / LANES * LANES;
-        let mut add = |lane: usize, t: f64, y: f64, log: &mut f64| {
-            let difference = (y - t).abs();
-            let relative = difference / t;
-            let e = ln(y / t);
-            *log = e;
-            // `max(y/t, t/y) < 1.25^k` without divisions; the powers are exact in binary, so for f32 maps it is the
-            // same result.
-            for (count, limit) in within.iter_mut().zip([1.25, 1.5625, 1.953_125]) {
-                count[lane] += u64::from(y < limit * t) & u64::from(t < limit * y);
-            }
-            sums[0][lane] += relative;
-            sums[1][lane] += relative * difference;
-            sums[2][lane] += relative * relative;
-            sums[3][lane] += difference * difference;
-            sums[4][lane] += e * e;
-            sums[5][lane] += e;
-        };
-        let (rows_t, rows_y) = (t[..whole].chunks_exact(LANES), y[..whole].chunks_exact(LANES));
-        for ((t, y), log) in rows_t.zip(rows_y).zip(logs.chunks_exact_mut(LANES)) {
+        for ((e, t), y) in logs.iter_mut().zip(t).zip(y) {
+            *e = ln(y / t);
+        }
+        let (mut relative, mut by_truth, mut by_truth_squared) = (ZEROS, ZEROS, ZEROS);
+        let mut squared = ZEROS;
+        for (t, y) in rows(t).zip(rows(y)) {
             for lane in 0..LANES {
-                add(lane, t[lane], y[lane], &mut log[lane]);
+                let difference = (y[lane] - t[lane]).abs();
+                let quotient = difference / t[lane];
+                relative[lane] += quotient;
+                by_truth[lane] += quotient * difference;
+                by_truth_squared[lane] += quotient * quotient;
+                squared[lane] += difference * difference;
             }
         }
-        for (lane, i) in (whole..t.len()).enumerate() {
-            add(lane, t[i], y[i], &mut logs[i]);
+        let (mut log, mut log_squared) = (ZEROS, ZEROS);
+        for e in rows(&logs) {
+            for lane in 0..LANES {
+                log[lane] += e[lane];
+                log_squared[lane] += e[lane] * e[lane];
+            }
         }
-        let count = t.len() as f64;
-        let log_mean = lanes_sum(sums[5]) / count;
-        let mut spread = [0.0; LANES];
-        for row in logs[..t.len()].chunks(LANES) {
+        // `max(y/t, t/y) < 1.25^k` without divisions; the powers are exact in binary, so for f32 maps it is the same
+        // result. Counted in floats, which have as many lanes as the conditions.
+        let within = [1.25, 1.5625, 1.953_125].map(|limit| {
+            let mut within = ZEROS;
+            for (t, y) in rows(t).zip(rows(y)) {
+                for lane in 0..LANES {
+                    let is_within = (y[lane] < limit * t[lane]) & (t[lane] < limit * y[lane]);
+                    within[lane] += if is_within { 1.0 } else { 0.0 };
+                }
+            }
+            within.iter().sum::<f64>() as u64 - (BLOCK - count) as u64
+        });
+        let log_mean = lanes_sum(log) / count as f64;
+        let mut spread = ZEROS;
+        for row in logs[..count].chunks(LANES) {
             for (lane, e) in row.iter().enumerate() {
                 spread[lane] += (e - log_mean) * (e - log_mean);
             }
         }
         self.merge(&Self {
-            pixels: t.len() as u64,
-            within: within.map(|lanes| lanes.iter().sum()),
-            relative: lanes_sum(sums[0]),
-            squared_by_truth: lanes_sum(sums[1]),
-            squared_by_truth_squared: lanes_sum(sums[2]),
-            squared: lanes_sum(sums[3]),
-            log_squared: lanes_sum(sums[4]),
+            pixels: count as u64,
+            within,
+            relative: lanes_sum(relative),
+            squared_by_truth: lanes_sum(by_truth),
+            squared_by_truth_squared: lanes_sum(by_truth_squared),
+            squared: lanes_sum(squared),
+            log_squared: lanes_sum(log_squared),
             log_mean,
             log_spread: lanes_sum(spread),
         });
@@ -173,5 +242,48 @@ impl Sums {
         let scores = [a1, a2, a3, self.relative / count, sq_rel / count, rmse, rmse_log, silog];
         let row = ScoreRow { pixels: self.pixels, log_mean: Some(self.log_mean), ..row };
         DEPTH.iter().zip(scores).fold(row, |row, (metric, score)| row.with(metric, score))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use depthloom_simd::Level;
+
+    use super::{Sums, ValidAndMissing};
+    use crate::pixels::Alignment;
+    use crate::{DepthEstimate, ScoredPixels, Settings};
+
+    fn bits(sums: Sums) -> [u64; 11] {
+        let Sums { pixels, within: [a, b, c], relative, squared_by_truth, squared_by_truth_squared, .. } = sums;
+        let Sums { squared, log_squared, log_mean, log_spread, .. } = sums;
+        let floats = [relative, squared_by_truth, squared_by_truth_squared, squared, log_squared, log_mean, log_spread];
+        let [d, e, f, g, h, i, j] = floats.map(f64::to_bits);
+        [pixels, a, b, c, d, e, f, g, h, i, j]
+    }
+
+    #[test]
+    fn every_instruction_set_gives_the_same_bits() {
+        let number = |i: u32| f64::from(i.wrapping_mul(2_654_435_761) >> 8) as f32 / 16_777_216.0;
+        let truth: Vec<f32> = (0..5000).map(|i| if i % 7 == 0 { f32::NAN } else { 1.0 + 90.0 * number(i) }).collect();
+        let of = |i: u32| if number(i + 1) < 0.2 { f32::INFINITY } else { 100.0 * number(7 * i) - 1.0 };
+        let estimate: Vec<f32> = (0..5000).map(of).collect();
+        let settings = Settings::default();
+        for alignment in [Alignment::Factor(1.1), Alignment::Inverse { scale: 0.9, shift: -0.01 }] {
+            // Whole blocks, a part of one, less than a row of lanes, nothing.
+            for count in [5000, 700, 6, 1] {
+                let pixels = ScoredPixels::new(&truth[..count], count, 1, &settings);
+                let sums = |level: Level| {
+                    let mut sums = ValidAndMissing::new(Some(80.0));
+                    let estimate = DepthEstimate::from(&estimate[..count]);
+                    pixels.each_chunk_at(level, estimate, alignment, &settings, &mut sums);
+                    sums.finish().map(bits)
+                };
+                let expected = sums(Level::PORTABLE);
+                assert_eq!(expected[0][0] + expected[1][0], pixels.len() as u64);
+                for level in Level::available() {
+                    assert_eq!(sums(level), expected, "{} with {count} pixels", level.name());
+                }
+            }
+        }
     }
 }

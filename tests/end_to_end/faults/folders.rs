@@ -314,6 +314,9 @@ fn fault_23_doctor_lists_the_instruction_sets_of_the_kernels() {
     let doctor = succeed(depthloom().args(["doctor", "--json"]));
     let doctor: serde_json::Value = serde_json::from_slice(&doctor.stdout).expect("JSON");
     for name in doctor["simd"].as_array().expect("a list") {
-        assert!(["sse2", "avx2", "avx512", "avx512-popcnt", "neon"].contains(&name.as_str().expect("a name")), "{name}");
+        assert!(
+            ["sse2", "avx2", "avx512", "avx512-popcnt", "neon"].contains(&name.as_str().expect("a name")),
+            "{name}"
+        );
     }
 }

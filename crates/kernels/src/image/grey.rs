@@ -1,7 +1,7 @@
 //! Grey from colour, with OpenCV's weights.
 
 use crate::raster::check;
-use crate::simd::{Level, Pass};
+use crate::simd::{Level, Pass, grey_from_leading};
 
 /// Grey of an interleaved RGB image, as OpenCV's `cvtColor` gives it:
 /// `(9798 R + 19235 G + 3735 B + 16384) >> 15`, exactly.
@@ -14,7 +14,7 @@ pub fn grey_from_rgb(rgb: &[u8], width: usize, height: usize, out: &mut [u8]) {
 pub(crate) fn grey_from_rgb_at(level: Level, rgb: &[u8], width: usize, height: usize, out: &mut [u8]) {
     check("rgb", rgb.len(), width, height, 3);
     check("grey", out.len(), width, height, 1);
-    let done = level.grey_from_leading(rgb, out);
+    let done = grey_from_leading(level, rgb, out);
     level.run(Grey { rgb: &rgb[3 * done..], out: &mut out[done..] });
 }
 

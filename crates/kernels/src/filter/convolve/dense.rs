@@ -3,7 +3,7 @@
 use super::planes::Planes;
 use super::product::{Dots, Finish, Product, pack};
 use super::{Activation, Gradients, Layer, LayerScratch, room};
-use crate::simd::{LANES, Level};
+use crate::simd::{LANES, Level, run_lanes};
 
 /// `out[o] = act(bias[o] + sum over i of weights[o][i] * in[i])`: PyTorch's `flatten` and `linear`. The output is a map
 /// of one sample a channel. The image's samples are a multiple of 16. Weights are outputs x inputs.
@@ -60,16 +60,19 @@ impl Layer for Dense {
         let samples = room(&mut scratch.planes, self.inputs());
         self.image.collect(image, samples);
         let sums = room(&mut scratch.sums, self.outputs);
-        level.run_lanes(Dots {
-            left: &weights.values,
-            first: 0,
-            stride: self.inputs(),
-            rows: self.outputs,
-            source: samples,
-            offsets: &[0],
-            columns: self.inputs(),
-            out: sums,
-        });
+        run_lanes(
+            level,
+            Dots {
+                left: &weights.values,
+                first: 0,
+                stride: self.inputs(),
+                rows: self.outputs,
+                source: samples,
+                offsets: &[0],
+                columns: self.inputs(),
+                out: sums,
+            },
+        );
         for (sum, bias) in sums.iter_mut().zip(bias) {
             *sum += bias;
             if self.activation == Activation::Relu {
@@ -98,32 +101,38 @@ impl Layer for Dense {
             let samples = room(&mut scratch.planes, inputs);
             self.image.collect(image, samples);
             pack(level, self.outputs, 1, |m, _| of_outputs[m], &mut scratch.sums);
-            level.run_lanes(Product {
-                weights: &scratch.sums,
-                offsets: &[0],
-                source: samples,
-                out: gradient,
-                stride: inputs,
-                rows: self.outputs,
-                columns: inputs,
-                finish: Finish::Set,
-            });
+            run_lanes(
+                level,
+                Product {
+                    weights: &scratch.sums,
+                    offsets: &[0],
+                    source: samples,
+                    out: gradient,
+                    stride: inputs,
+                    rows: self.outputs,
+                    columns: inputs,
+                    finish: Finish::Set,
+                },
+            );
         }
         if let Some(gradient) = &mut gradients.image {
             let samples = room(&mut scratch.sums, inputs);
             if gradient.add {
                 self.image.collect(gradient.planes, samples);
             }
-            level.run_lanes(Product {
-                weights: &of_outputs,
-                offsets: &weights.offsets,
-                source: &weights.values,
-                finish: gradient.finish(),
-                out: samples,
-                stride: inputs,
-                rows: 1,
-                columns: inputs,
-            });
+            run_lanes(
+                level,
+                Product {
+                    weights: &of_outputs,
+                    offsets: &weights.offsets,
+                    source: &weights.values,
+                    finish: gradient.finish(),
+                    out: samples,
+                    stride: inputs,
+                    rows: 1,
+                    columns: inputs,
+                },
+            );
             self.image.spread(samples, gradient.planes);
         }
     }

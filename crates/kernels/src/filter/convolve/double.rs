@@ -3,7 +3,7 @@
 use super::planes::Planes;
 use super::product::{Dots, Product, pack};
 use super::{Activation, Gradients, Layer, LayerScratch, room};
-use crate::simd::Level;
+use crate::simd::{Level, run_lanes};
 
 const KERNEL: usize = 4;
 const TAPS: usize = KERNEL * KERNEL;
@@ -116,16 +116,19 @@ impl Layer for Double {
             let (even, odd) = sums.split_at_mut(self.outputs * columns);
             for (parity_column, sums) in [even, odd].into_iter().enumerate() {
                 let parity = parity_row * 2 + parity_column;
-                level.run_lanes(Product {
-                    weights: &weights.forward[parity],
-                    offsets: &weights.taps[parity],
-                    source: image,
-                    out: sums,
-                    stride: columns,
-                    rows: self.outputs,
-                    columns,
-                    finish: self.activation.finish(bias),
-                });
+                run_lanes(
+                    level,
+                    Product {
+                        weights: &weights.forward[parity],
+                        offsets: &weights.taps[parity],
+                        source: image,
+                        out: sums,
+                        stride: columns,
+                        rows: self.outputs,
+                        columns,
+                        finish: self.activation.finish(bias),
+                    },
+                );
             }
             for channel in 0..self.outputs {
                 for (y, row) in output.rows_mut(out, channel).skip(parity_row).step_by(2).enumerate() {
@@ -159,28 +162,34 @@ impl Layer for Double {
             }
         }
         if let Some(gradient) = gradients.weights.as_deref_mut() {
-            level.run_lanes(Dots {
-                left: image,
-                first: planes.origin(0),
-                stride: planes.plane(),
-                rows: self.inputs,
-                source: slopes,
-                offsets: &weights.slope_taps,
-                columns: planes.columns(),
-                out: gradient,
-            });
+            run_lanes(
+                level,
+                Dots {
+                    left: image,
+                    first: planes.origin(0),
+                    stride: planes.plane(),
+                    rows: self.inputs,
+                    source: slopes,
+                    offsets: &weights.slope_taps,
+                    columns: planes.columns(),
+                    out: gradient,
+                },
+            );
         }
         if let Some(gradient) = &mut gradients.image {
-            level.run_lanes(Product {
-                weights: &weights.backward,
-                offsets: &weights.slope_taps,
-                source: slopes,
-                finish: gradient.finish(),
-                out: &mut gradient.planes[planes.origin(0)..],
-                stride: planes.plane(),
-                rows: self.inputs,
-                columns: planes.columns(),
-            });
+            run_lanes(
+                level,
+                Product {
+                    weights: &weights.backward,
+                    offsets: &weights.slope_taps,
+                    source: slopes,
+                    finish: gradient.finish(),
+                    out: &mut gradient.planes[planes.origin(0)..],
+                    stride: planes.plane(),
+                    rows: self.inputs,
+                    columns: planes.columns(),
+                },
+            );
         }
     }
 }

@@ -4,7 +4,7 @@
 //! neither columns of patches (im2col) nor a transform are needed: the operands are read where they lie.
 #![expect(unsafe_code, reason = "vector loads and stores at positions that were checked once for the whole loop")]
 
-use crate::simd::{LANES, Lanes, LanesPass, Level};
+use crate::simd::{LANES, Lanes, LanesPass, Level, run_lanes};
 
 /// Samples of a line that are worked on before the next rows are: what they need stays in the cache.
 const SPAN: usize = 480;
@@ -65,7 +65,7 @@ pub(super) fn pack(level: Level, rows: usize, depth: usize, weight: impl Fn(usiz
     }
     out.clear();
     out.reserve(rows * depth);
-    for (start, height) in heights(rows, level.run_lanes(Most)) {
+    for (start, height) in heights(rows, run_lanes(level, Most)) {
         for k in 0..depth {
             out.extend((start..start + height).map(|m| weight(m, k)));
         }

@@ -3,7 +3,7 @@
 use super::planes::Planes;
 use super::product::{Dots, Product, pack};
 use super::{Activation, Gradients, Layer, LayerScratch, bias_gradient};
-use crate::simd::Level;
+use crate::simd::{Level, run_lanes};
 
 /// A convolution `out[o] = act(bias[o] + sum over i of weights[o][i] * in[i])` with zero padding that keeps the size:
 /// PyTorch's `conv2d(stride=1, padding=k/2)`. Weights are outputs x inputs x kernel x kernel.
@@ -76,16 +76,19 @@ impl Layer for Same {
         let planes = self.planes;
         assert_eq!(image.len(), self.inputs * planes.plane());
         assert_eq!(out.len(), self.outputs * planes.plane());
-        level.run_lanes(Product {
-            weights: &weights.forward,
-            offsets: &weights.offsets[0],
-            source: image,
-            out: &mut out[planes.origin(0)..],
-            stride: planes.plane(),
-            rows: self.outputs,
-            columns: planes.columns(),
-            finish: self.activation.finish(bias),
-        });
+        run_lanes(
+            level,
+            Product {
+                weights: &weights.forward,
+                offsets: &weights.offsets[0],
+                source: image,
+                out: &mut out[planes.origin(0)..],
+                stride: planes.plane(),
+                rows: self.outputs,
+                columns: planes.columns(),
+                finish: self.activation.finish(bias),
+            },
+        );
         planes.clear_gaps(out);
     }
 
@@ -104,29 +107,35 @@ impl Layer for Same {
             bias_gradient(&planes, slopes, bias);
         }
         if let Some(gradient) = gradients.weights.as_deref_mut() {
-            level.run_lanes(Dots {
-                left: slopes,
-                first: planes.origin(0),
-                stride: planes.plane(),
-                rows: self.outputs,
-                source: image,
-                offsets: &weights.offsets[0],
-                columns: planes.columns(),
-                out: gradient,
-            });
+            run_lanes(
+                level,
+                Dots {
+                    left: slopes,
+                    first: planes.origin(0),
+                    stride: planes.plane(),
+                    rows: self.outputs,
+                    source: image,
+                    offsets: &weights.offsets[0],
+                    columns: planes.columns(),
+                    out: gradient,
+                },
+            );
         }
         if let Some(gradient) = &mut gradients.image {
             assert_eq!(gradient.planes.len(), self.inputs * planes.plane());
-            level.run_lanes(Product {
-                weights: &weights.backward,
-                offsets: &weights.offsets[1],
-                source: slopes,
-                finish: gradient.finish(),
-                out: &mut gradient.planes[planes.origin(0)..],
-                stride: planes.plane(),
-                rows: self.inputs,
-                columns: planes.columns(),
-            });
+            run_lanes(
+                level,
+                Product {
+                    weights: &weights.backward,
+                    offsets: &weights.offsets[1],
+                    source: slopes,
+                    finish: gradient.finish(),
+                    out: &mut gradient.planes[planes.origin(0)..],
+                    stride: planes.plane(),
+                    rows: self.inputs,
+                    columns: planes.columns(),
+                },
+            );
         }
     }
 }

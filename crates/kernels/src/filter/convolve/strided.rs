@@ -3,7 +3,7 @@
 use super::planes::Planes;
 use super::product::{Dots, Product, pack};
 use super::{Activation, Gradients, Layer, LayerScratch, bias_gradient, room};
-use crate::simd::Level;
+use crate::simd::{Level, run_lanes};
 
 /// A convolution of a network's input: PyTorch's `conv2d(stride=s, padding=p)`. It has no gradient of the image.
 /// Weights are outputs x inputs x kernel x kernel.
@@ -92,16 +92,19 @@ impl Layer for Strided {
         let planes = self.output();
         assert_eq!(image.len(), self.inputs * self.image.plane());
         assert_eq!(out.len(), self.outputs * planes.plane());
-        level.run_lanes(Product {
-            weights: &weights.forward,
-            offsets: &weights.offsets,
-            source: self.unfold(image, &mut scratch.planes),
-            out: &mut out[planes.origin(0)..],
-            stride: planes.plane(),
-            rows: self.outputs,
-            columns: planes.columns(),
-            finish: self.activation.finish(bias),
-        });
+        run_lanes(
+            level,
+            Product {
+                weights: &weights.forward,
+                offsets: &weights.offsets,
+                source: self.unfold(image, &mut scratch.planes),
+                out: &mut out[planes.origin(0)..],
+                stride: planes.plane(),
+                rows: self.outputs,
+                columns: planes.columns(),
+                finish: self.activation.finish(bias),
+            },
+        );
         planes.clear_gaps(out);
     }
 
@@ -121,16 +124,19 @@ impl Layer for Strided {
             bias_gradient(&planes, slopes, bias);
         }
         if let Some(gradient) = gradients.weights.as_deref_mut() {
-            level.run_lanes(Dots {
-                left: slopes,
-                first: planes.origin(0),
-                stride: planes.plane(),
-                rows: self.outputs,
-                source: self.unfold(image, &mut scratch.planes),
-                offsets: &weights.offsets,
-                columns: planes.columns(),
-                out: gradient,
-            });
+            run_lanes(
+                level,
+                Dots {
+                    left: slopes,
+                    first: planes.origin(0),
+                    stride: planes.plane(),
+                    rows: self.outputs,
+                    source: self.unfold(image, &mut scratch.planes),
+                    offsets: &weights.offsets,
+                    columns: planes.columns(),
+                    out: gradient,
+                },
+            );
         }
     }
 }

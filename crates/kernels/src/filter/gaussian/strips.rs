@@ -2,7 +2,7 @@
 
 use super::lines::{STRIP, SetPixels};
 use crate::raster::reflect101;
-use crate::simd::{Block, BlockPass, Level, prefetch};
+use crate::simd::{Block, BlockPass, Level, prefetch, run_blocks};
 
 /// How many rows ahead the output is called into the cache.
 const AHEAD: usize = 4;
@@ -18,12 +18,12 @@ impl Lane {
 
 pub(super) fn blur_lines(level: Level, lines: &SetPixels, taps: &[f32], width: usize, height: usize, out: &mut [f32]) {
     if width >= STRIP {
-        level.run_blocks(Blur { lines, taps, width, height, out });
+        run_blocks(level, Blur { lines, taps, width, height, out });
         return;
     }
     // A narrow image is the left part of one strip.
     let mut strip = vec![0.0; STRIP * height];
-    level.run_blocks(Blur { lines, taps, width: STRIP, height, out: &mut strip });
+    run_blocks(level, Blur { lines, taps, width: STRIP, height, out: &mut strip });
     for (out, strip) in out.chunks_exact_mut(width).zip(strip.chunks_exact(STRIP)) {
         out.copy_from_slice(&strip[..width]);
     }

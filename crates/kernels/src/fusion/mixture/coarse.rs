@@ -14,7 +14,7 @@
 
 use super::LANES;
 use crate::raster::reflect101;
-use crate::simd::{Block, BlockPass, Level};
+use crate::simd::{Block, BlockPass, Level, run_blocks};
 
 /// Blurred nodes beyond the cells of an image, on either side, which interpolation needs.
 pub(super) const GUARD: usize = 2;
@@ -260,7 +260,7 @@ impl Grid {
 
 /// Blurs nodes, [`MAPS`] rows of [`Grid::node_row`] samples for each row of nodes, to rows of [`Grid::blurred_row`].
 pub(super) fn blur(level: Level, grid: &Grid, nodes: &[f32], down: &mut [f32], blurred: &mut [f32]) {
-    level.run_blocks(Blur { grid, nodes, down, blurred });
+    run_blocks(level, Blur { grid, nodes, down, blurred });
 }
 
 struct Blur<'a> {

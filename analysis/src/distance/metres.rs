@@ -1,0 +1,77 @@
+//! The scored pixels of a frame by whole metres of their ground truth.
+
+use std::ops::Range;
+
+use super::FARTHEST_M;
+
+/// For each scored pixel its metre.
+pub(super) struct Metres {
+    /// By pixel, its index in `metres`.
+    index: Vec<u16>,
+    /// The metres that have pixels, nearest first, each with the places of its pixels once they are sorted by metre.
+    /// Pixels that are too far have the last one, [`FARTHEST_M`].
+    metres: Vec<(u32, Range<usize>)>,
+}
+
+impl Metres {
+    pub(super) fn new(ground_truth_m: &[f32]) -> Self {
+        let metre = |t: f32| (t as u32).min(FARTHEST_M) as usize;
+        let mut counts = vec![0; FARTHEST_M as usize + 1];
+        ground_truth_m.iter().for_each(|t| counts[metre(*t)] += 1);
+        let (mut metres, mut indices, mut start) = (Vec::new(), vec![0; counts.len()], 0);
+        for (metre, count) in counts.into_iter().enumerate().filter(|(_, count)| *count > 0) {
+            indices[metre] = metres.len() as u16;
+            metres.push((metre as u32, start..start + count));
+            start += count;
+        }
+        let index = ground_truth_m.iter().map(|t| indices[metre(*t)]).collect();
+        Self { index, metres }
+    }
+
+    /// The metres with pixels that are not too far, nearest first, each with its number of pixels.
+    pub(super) fn counts(&self) -> impl Iterator<Item = (u32, usize)> {
+        self.metres.iter().filter(|(metre, _)| *metre < FARTHEST_M).map(|(metre, places)| (*metre, places.len()))
+    }
+
+    /// The metre of each pixel; `None` if it is too far.
+    pub(super) fn of_pixels(&self) -> impl Iterator<Item = Option<u32>> {
+        self.index.iter().map(|index| Some(self.metres[usize::from(*index)].0).filter(|metre| *metre < FARTHEST_M))
+    }
+
+    /// The samples of the pixels that are valid, by metre: all samples, and the metres with their places among them.
+    pub(super) fn sorted(&self, pixels: impl Iterator<Item = (u32, bool)>) -> (Vec<u32>, Vec<(u32, Range<usize>)>) {
+        let mut sorted = vec![0; self.index.len()];
+        let mut places = self.metres.clone();
+        places.iter_mut().for_each(|(_, places)| places.end = places.start);
+        for (index, (sample, is_valid)) in self.index.iter().zip(pixels) {
+            let end = &mut places[usize::from(*index)].1.end;
+            // Without a branch: valid pixels have no pattern to predict. The next valid one overwrites the others.
+            sorted[*end] = sample;
+            *end += usize::from(is_valid);
+        }
+        (sorted, places)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::{FARTHEST_M, Metres};
+
+    #[test]
+    fn samples_are_sorted_by_metre_and_keep_their_order_within_one() {
+        let metres = Metres::new(&[3.5, 9.0, 3.25, 1e9, 1.0, 4096.0, 3.75]);
+        assert_eq!(metres.counts().collect::<Vec<_>>(), [(1, 1), (3, 3), (9, 1)]);
+        let of_pixels: Vec<_> = metres.of_pixels().collect();
+        assert_eq!(of_pixels, [Some(3), Some(9), Some(3), None, Some(1), None, Some(3)]);
+        let (sorted, places) = metres.sorted((10..17).map(|sample| (sample, sample != 12)));
+        let found: Vec<_> = places.into_iter().map(|(metre, places)| (metre, sorted[places].to_vec())).collect();
+        assert_eq!(found, [(1, vec![14]), (3, vec![10, 16]), (9, vec![11]), (FARTHEST_M, vec![13, 15])]);
+    }
+
+    #[test]
+    fn a_last_pixel_without_a_sample_is_nowhere() {
+        let (sorted, places) = Metres::new(&[2.0, 2.5]).sorted([(7, true), (8, false)].into_iter());
+        assert_eq!(sorted[places[0].1.clone()], [7]);
+        assert!(Metres::new(&[]).sorted(std::iter::empty()).0.is_empty());
+    }
+}
