@@ -30,7 +30,7 @@ impl Key {
 
     /// A hasher for keys made of several parts; `domain` keeps keys of different meaning apart.
     pub fn build(domain: &str) -> KeyBuilder {
-        let builder = KeyBuilder(Vec::with_capacity(128));
+        let builder = KeyBuilder(Vec::with_capacity(256)); // a node with three inputs
         builder.number(KEY_VERSION).text(domain)
     }
 

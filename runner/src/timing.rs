@@ -117,6 +117,9 @@ pub(crate) struct Spent {
     pub(crate) ended: Option<Instant>,
 }
 
+/// A task that takes less time than this does nothing but compute: a thread that waits or is interrupted takes longer.
+const SHORT_NS: u64 = 10_000;
+
 /// Both clocks at the start of a task, on the thread that runs it.
 #[derive(Clone, Copy)]
 pub(crate) struct Stopwatch {
@@ -139,13 +142,14 @@ impl Stopwatch {
         self.lap(helpers_cpu_ns).0
     }
 
-    /// The time since the start, and the start of the next task.
+    /// The time since the start, and the start of the next task. The CPU time of a short task is its wall time: asking
+    /// the system for it costs as much as all else that the engine does for a task.
     pub(crate) fn lap(&self, helpers_cpu_ns: u64) -> (Spent, Self) {
-        let now = Self::start();
-        let wall_ns = now.wall.saturating_duration_since(self.wall).as_nanos();
-        let cpu_ns = now.cpu_ns.saturating_sub(self.cpu_ns) + helpers_cpu_ns;
-        let wall_ns = u64::try_from(wall_ns).unwrap_or(u64::MAX);
-        (Spent { cpu_ns, wall_ns, ended: Some(now.wall) }, now)
+        let wall = Instant::now();
+        let wall_ns = u64::try_from(wall.saturating_duration_since(self.wall).as_nanos()).unwrap_or(u64::MAX);
+        let now = if wall_ns < SHORT_NS { self.cpu_ns + wall_ns } else { thread_cpu_ns() };
+        let cpu_ns = now.saturating_sub(self.cpu_ns) + helpers_cpu_ns;
+        (Spent { cpu_ns, wall_ns, ended: Some(wall) }, Self { cpu_ns: now, wall })
     }
 }
 
