@@ -9,6 +9,8 @@ use crate::query::place;
 
 /// The number of classes for counting. Fewer samples are sorted partially without it.
 const CLASSES: usize = 4096;
+/// Samples that are looked at together.
+const BATCH: usize = 1024;
 /// The number of a class that contains no rank.
 const UNNUMBERED: u8 = u8::MAX;
 
@@ -27,19 +29,31 @@ pub(super) fn spreads(mut samples: Vec<u32>) -> [Option<Spread>; 2] {
     // The highest sample falls into the last class or an earlier one.
     let shift = (highest - lowest).checked_ilog2().map_or(0, |bits| (bits + 1).saturating_sub(CLASSES.ilog2()));
     let class = |sample: u32| ((sample - lowest) >> shift) as usize % CLASSES;
-    // By class: all samples, and those of shared pixels.
+    // By class: the samples of shared pixels, and the others.
     let mut counts = [[0_u32; 2]; CLASSES];
     for &sample in &samples {
-        let [valid, shared] = &mut counts[class(sample)];
-        *valid += 1;
-        *shared += u32::from(Which::Shared.has(sample));
+        counts[class(sample)][usize::from(!Which::Shared.has(sample))] += 1;
     }
-    let mut selected = [0, 1].map(|set| Selected::new(&counts.map(|counts| counts[set])));
-    for &sample in &samples {
-        let class = class(sample);
-        for (selected, which) in selected.iter_mut().zip([Which::Valid, Which::Shared]) {
-            if selected.numbers[class] != UNNUMBERED && which.has(sample) {
-                selected.classes[usize::from(selected.numbers[class])].members.push(sample);
+    let mut selected = [
+        Selected::new(&counts.map(|[shared, alone]| shared + alone)),
+        Selected::new(&counts.map(|[shared, _]| shared)),
+    ];
+    let is_selected: [bool; CLASSES] =
+        std::array::from_fn(|class| selected.iter().any(|selected| selected.numbers[class] != UNNUMBERED));
+    let mut picked = [0; BATCH];
+    for samples in samples.chunks(BATCH) {
+        // Without a branch: one sample in ten is in a selected class, in no order.
+        let mut count = 0;
+        for &sample in samples {
+            picked[count] = sample;
+            count += usize::from(is_selected[class(sample)]);
+        }
+        for &sample in &picked[..count] {
+            let class = class(sample);
+            for (selected, which) in selected.iter_mut().zip([Which::Valid, Which::Shared]) {
+                if selected.numbers[class] != UNNUMBERED && which.has(sample) {
+                    selected.classes[usize::from(selected.numbers[class])].members.push(sample);
+                }
             }
         }
     }
