@@ -175,7 +175,7 @@ fn spreads_by_metre(samples: Vec<Vec<u32>>) -> Vec<[Option<Spread>; 2]> {
 
 #[cfg(test)]
 mod tests {
-    use depthloom_scores::Settings;
+    use depthloom_scores::{ScoredPixels, Settings};
     use proptest::prelude::*;
 
     use super::*;
