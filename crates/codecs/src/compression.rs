@@ -19,8 +19,8 @@ pub fn compress(from: &[u8], into: &mut (impl WriteBuf + ?Sized)) -> io::Result<
     compress_with(&[CParameter::CompressionLevel(LEVEL)], from, into)
 }
 
-/// As [`compress`], for bytes of which few repeat: only longer matches are looked for, in a small table. This takes half
-/// the time on the codes of maps, for a few percent more bytes.
+/// As [`compress`], for bytes of which few repeat: only longer matches are looked for, in a small table. This takes
+/// half the time on the codes of maps, for a few percent more bytes.
 pub fn compress_sparse(from: &[u8], into: &mut (impl WriteBuf + ?Sized)) -> io::Result<usize> {
     let parameters = [
         CParameter::CompressionLevel(LEVEL),

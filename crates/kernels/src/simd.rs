@@ -1,9 +1,9 @@
 //! Where a kernel meets the instruction set.
 //!
-//! A kernel's inner loops are a [`Pass`], which a [`Level`] holds compiled for each instruction set. Sums that must stay
-//! in registers are a [`BlockPass`] or a [`LanesPass`], with the registers named; `sgbm` and `bm` compile their own
-//! passes over vectors of 16-bit costs (`stereo/lanes.rs`), and pick by what the level has. All of them give the same
-//! bits, on any machine; `every_level` and the tests of [`Path`]s prove it.
+//! A kernel's inner loops are a [`Pass`], which a [`Level`] holds compiled for each instruction set. Sums that must
+//! stay in registers are a [`BlockPass`] or a [`LanesPass`], with the registers named; `sgbm` and `bm` compile their
+//! own passes over vectors of 16-bit costs (`stereo/lanes.rs`), and pick by what the level has. All of them give the
+//! same bits, on any machine; `every_level` and the tests of [`Path`]s prove it.
 //!
 //! Vectors are named only inside of passes that a level runs.
 #![cfg_attr(

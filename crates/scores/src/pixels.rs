@@ -345,7 +345,7 @@ impl Pass for Search<'_> {
             for (group, first) in
                 ground_truth_m[first..][..window.columns.len()].chunks(GROUP).zip((first..).step_by(GROUP))
             {
-                // Sparse truth has none in most groups.
+                // Most groups of a sparse truth are without it.
                 if !group.iter().fold(false, |any, t| any | is_scored(*t)) {
                     continue;
                 }

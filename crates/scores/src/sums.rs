@@ -265,8 +265,8 @@ mod tests {
     fn every_instruction_set_gives_the_same_bits() {
         let number = |i: u32| f64::from(i.wrapping_mul(2_654_435_761) >> 8) as f32 / 16_777_216.0;
         let truth: Vec<f32> = (0..5000).map(|i| if i % 7 == 0 { f32::NAN } else { 1.0 + 90.0 * number(i) }).collect();
-        let of = |i: u32| if number(i + 1) < 0.2 { f32::INFINITY } else { 100.0 * number(7 * i) - 1.0 };
-        let estimate: Vec<f32> = (0..5000).map(of).collect();
+        let metres = |i: u32| if number(i + 1) < 0.2 { f32::INFINITY } else { 100.0 * number(7 * i) - 1.0 };
+        let estimate: Vec<f32> = (0..5000).map(metres).collect();
         let settings = Settings::default();
         for alignment in [Alignment::Factor(1.1), Alignment::Inverse { scale: 0.9, shift: -0.01 }] {
             // Whole blocks, a part of one, less than a row of lanes, nothing.

@@ -49,8 +49,8 @@ impl Level {
 
     /// The widest instruction set of this machine.
     ///
-    /// The environment variable `DEPTHLOOM_SIMD` (`portable`, `sse2`, `avx2`, `avx512`; `neon`) holds it down for all kernels,
-    /// for measuring: the results are the same. Any other value leaves it as it is.
+    /// The environment variable `DEPTHLOOM_SIMD` (`portable`, `sse2`, `avx2`, `avx512`; `neon`) holds it down for all
+    /// kernels and metrics, for measuring: the results are the same. Any other value leaves it as it is.
     #[must_use]
     pub fn best() -> Self {
         static BEST: OnceLock<Level> = OnceLock::new();
