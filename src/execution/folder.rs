@@ -1,10 +1,12 @@
 //! The folder that a run writes, and what an interrupted run left in it.
 
+use std::io::{BufRead as _, BufReader};
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
 use depthloom_graphs::plan::Plan;
 use depthloom_graphs::ready::Ready;
+use depthloom_graphs::regular_file;
 use depthloom_recording::{EarlierRuns, Recording, RecordingError};
 use depthloom_runner::Share;
 use depthloom_runs::environment::{self, ENVIRONMENT};
@@ -26,6 +28,22 @@ pub(super) struct FolderRequest<'a> {
     pub(super) is_json: bool,
     /// The folder of runs.
     pub(super) runs: &'a Path,
+}
+
+/// Whether a file is absent, empty, or full of zeros: after a power cut it can have its length without its bytes.
+fn has_no_bytes(path: &Path) -> bool {
+    let Ok(file) = regular_file::open(path) else { return std::fs::symlink_metadata(path).is_err() };
+    let mut file = BufReader::with_capacity(1 << 16, file);
+    loop {
+        match file.fill_buf() {
+            Ok([]) => return true,
+            Ok(bytes) if bytes.iter().all(|byte| *byte == 0) => {
+                let length = bytes.len();
+                file.consume(length);
+            }
+            Ok(_) | Err(_) => return false,
+        }
+    }
 }
 
 /// The folder to write: that of `--out`, or a new one; and the recording of the interrupted run in it, if there is one.
@@ -59,7 +77,7 @@ pub(super) fn make_folder(
             }
             // It ended before the head of the recording was written, or the file was made.
             Err(RecordingError::NotARecording { .. }) => nothing(),
-            Err(_) if std::fs::metadata(&path).map_or(true, |file| file.len() == 0) => nothing(),
+            Err(_) if has_no_bytes(&path) => nothing(),
             Ok(_) => PartialContent::Other,
             Err(error) => PartialContent::Unreadable(error.to_string()),
         }

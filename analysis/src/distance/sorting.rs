@@ -30,17 +30,14 @@ pub(super) fn spreads(mut samples: Vec<u32>) -> [Option<Spread>; 2] {
     let shift = (highest - lowest).checked_ilog2().map_or(0, |bits| (bits + 1).saturating_sub(CLASSES.ilog2()));
     let class = |sample: u32| ((sample - lowest) >> shift) as usize % CLASSES;
     // By class: the samples of shared pixels, and the others.
-    let mut counts = [[0_u32; 2]; CLASSES];
+    let mut counts = vec![[0_u32; 2]; CLASSES];
     for &sample in &samples {
         counts[class(sample)][usize::from(!Which::Shared.has(sample))] += 1;
     }
-    let mut selected = [
-        Selected::new(&counts.map(|[shared, alone]| shared + alone)),
-        Selected::new(&counts.map(|[shared, _]| shared)),
-    ];
-    let is_selected: [bool; CLASSES] =
-        std::array::from_fn(|class| selected.iter().any(|selected| selected.numbers[class] != UNNUMBERED));
-    let mut picked = [0; BATCH];
+    let mut selected = [Selected::new(|class| counts[class].iter().sum()), Selected::new(|class| counts[class][0])];
+    let is_selected: Vec<bool> =
+        (0..CLASSES).map(|class| selected.iter().any(|set| set.numbers[class] != UNNUMBERED)).collect();
+    let mut picked = vec![0; BATCH];
     for samples in samples.chunks(BATCH) {
         // Without a branch: one sample in ten is in a selected class, in no order.
         let mut count = 0;
@@ -93,7 +90,7 @@ struct Selected {
     count: usize,
     ranks: Vec<usize>,
     /// By class its index in `classes`.
-    numbers: [u8; CLASSES],
+    numbers: Vec<u8>,
     classes: Vec<Class>,
 }
 
@@ -104,18 +101,19 @@ struct Class {
 }
 
 impl Selected {
-    fn new(counts: &[u32; CLASSES]) -> Self {
-        let count = counts.iter().map(|count| *count as usize).sum();
-        let (ranks, mut numbers, mut classes) = (ranks(count), [UNNUMBERED; CLASSES], Vec::new());
+    /// Given the number of samples in each class.
+    fn new(count_of: impl Fn(usize) -> u32) -> Self {
+        let count = (0..CLASSES).map(|class| count_of(class) as usize).sum();
+        let (ranks, mut numbers, mut classes) = (ranks(count), vec![UNNUMBERED; CLASSES], Vec::new());
         let (mut at, mut first) = (0, 0);
         for &rank in &ranks {
-            while first + counts[at] as usize <= rank {
-                first += counts[at] as usize;
+            while first + count_of(at) as usize <= rank {
+                first += count_of(at) as usize;
                 at += 1;
             }
             if numbers[at] == UNNUMBERED {
                 numbers[at] = classes.len() as u8;
-                classes.push(Class { first, members: Vec::with_capacity(counts[at] as usize) });
+                classes.push(Class { first, members: Vec::with_capacity(count_of(at) as usize) });
             }
         }
         Self { count, ranks, numbers, classes }
