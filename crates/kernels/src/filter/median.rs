@@ -1,34 +1,40 @@
 //! Median filters of depth maps.
 //!
-//! Samples are compared as integers ([`key`]), which orders NaN too. The image is filtered in strips [`STRIP`] columns
-//! wide, from top to bottom, so that what neighbouring windows share stays in cache: each row's windows are sorted
-//! once, and for 5x5 two rows' sorted windows are merged once, whichever of the output rows read them.
+//! Samples are compared as floats where all are zero or above, otherwise as integers ([`key`](crate::raster::key)),
+//! which orders NaN too. The image is filtered in strips [`STRIP`] columns wide, from top to bottom, so that what
+//! neighbouring windows share stays in cache: each row's windows are sorted once, and for 5x5 two rows' sorted windows
+//! are merged once, whichever of the output rows read them.
 
 pub(crate) mod integer;
 mod networks;
 mod valid;
 
-use crate::raster::{check, key, replicate};
+use std::marker::PhantomData;
+
+use crate::raster::{check, replicate};
 use crate::simd::{Level, Pass, prefetch};
-use networks::{median3_of_sorted, median11, merge5, middle6, sort3, sort5};
+use networks::{Sample, median3_of_sorted, median11, merge5, middle6, sort3, sort5};
 pub use valid::{median3_of_valid, median5_of_valid};
 
-/// Columns filtered together.
-const STRIP: usize = 64;
+/// Columns filtered together: the more, the fewer pages are visited in turn; sorted windows must fit in the first cache.
+const STRIP: usize = 128;
 
 /// Rows of sorted windows that 5x5 keeps: six are in use at once.
 const RING: usize = 8;
 
 /// How many rows ahead input and output are called into the cache.
-const AHEAD: usize = 8;
+const AHEAD: usize = 16;
 
 /// One sample for each column of a strip. Aligned, because stores that straddle cache lines cost more than the network.
 #[derive(Clone, Copy)]
 #[repr(align(64))]
-struct Lane([i32; STRIP]);
+struct Lane<T>([T; STRIP]);
 
-impl Lane {
-    const ZERO: Self = Self([0; STRIP]);
+impl<T: Sample> Lane<T> {
+    #[inline(always)]
+    fn zero() -> Self {
+        Self([T::default(); STRIP])
+    }
 }
 
 /// Median over 3x3 pixels, border replicated: OpenCV's `medianBlur(..., 3)` of a `float32` image, exactly.
@@ -42,7 +48,12 @@ fn median3_at(level: Level, input: &[f32], width: usize, height: usize, out: &mu
     check("depth", input.len(), width, height, 1);
     check("median", out.len(), width, height, 1);
     if !out.is_empty() {
-        level.run(Median3 { image: Image { input, width, height }, out });
+        let image = Image { input, width, height };
+        if level.run(AllUnsigned { depths: input }) {
+            level.run(Median3::<f32> { image, out, samples: PhantomData });
+        } else {
+            level.run(Median3::<i32> { image, out, samples: PhantomData });
+        }
     }
 }
 
@@ -57,7 +68,28 @@ fn median5_at(level: Level, input: &[f32], width: usize, height: usize, out: &mu
     check("depth", input.len(), width, height, 1);
     check("median", out.len(), width, height, 1);
     if !out.is_empty() {
-        level.run(Median5 { image: Image { input, width, height }, out });
+        let image = Image { input, width, height };
+        if level.run(AllUnsigned { depths: input }) {
+            level.run(Median5::<f32> { image, out, samples: PhantomData });
+        } else {
+            level.run(Median5::<i32> { image, out, samples: PhantomData });
+        }
+    }
+}
+
+/// Whether all pixels are zero or above, without a sign, and not NaN.
+struct AllUnsigned<'a> {
+    depths: &'a [f32],
+}
+
+impl Pass for AllUnsigned<'_> {
+    type Output = bool;
+
+    #[inline(always)]
+    fn run(self) -> bool {
+        const INFINITY: u32 = f32::INFINITY.to_bits();
+        // Block by block, so that it vectorises and yet ends early.
+        self.depths.chunks(4096).all(|block| block.iter().fold(true, |all, depth| all & (depth.to_bits() <= INFINITY)))
     }
 }
 
@@ -70,44 +102,45 @@ struct Image<'a> {
 impl Image<'_> {
     /// Keys of row `y` from column `left - reach` on, both replicated beyond the border.
     #[inline(always)]
-    fn keys<const N: usize>(&self, y: isize, left: usize, reach: usize, keys: &mut [i32; N]) {
+    fn keys<T: Sample, const N: usize>(&self, y: isize, left: usize, reach: usize, keys: &mut [T; N]) {
         let row = &self.input[replicate(y, self.height) * self.width..][..self.width];
         if left >= reach && left - reach + N <= self.width {
             for (out, sample) in keys.iter_mut().zip(&row[left - reach..][..N]) {
-                *out = key(sample.to_bits() as i32);
+                *out = T::of(*sample);
             }
         } else {
             for (x, out) in keys.iter_mut().enumerate() {
                 let x = replicate((left + x) as isize - reach as isize, self.width);
-                *out = key(row[x].to_bits() as i32);
+                *out = T::of(row[x]);
             }
         }
     }
 }
 
 #[inline(always)]
-fn store(medians: &Lane, row: &mut [f32], left: usize) {
+fn store<T: Sample>(medians: &Lane<T>, row: &mut [f32], left: usize) {
     let columns = STRIP.min(row.len() - left);
     for (out, &median) in row[left..left + columns].iter_mut().zip(&medians.0) {
-        *out = f32::from_bits(key(median) as u32);
+        *out = median.depth();
     }
 }
 
-struct Median3<'a> {
+struct Median3<'a, T> {
     image: Image<'a>,
     out: &'a mut [f32],
+    samples: PhantomData<T>,
 }
 
-impl Pass for Median3<'_> {
+impl<T: Sample> Pass for Median3<'_, T> {
     type Output = ();
 
     #[inline(always)]
     fn run(self) {
-        let Self { image, out } = self;
+        let Self { image, out, .. } = self;
         for left in (0..image.width).step_by(STRIP) {
             // The sorted windows of three rows, in rotation, and the keys of the next.
-            let mut sorted = [[Lane::ZERO; 3]; 3];
-            let mut keys = [0; STRIP + 2];
+            let mut sorted = [[Lane::zero(); 3]; 3];
+            let mut keys = [T::default(); STRIP + 2];
             for (ahead, sorted) in (-1..1).zip(&mut sorted) {
                 image.keys(ahead, left, 1, &mut keys);
                 sort_windows3(&keys, sorted);
@@ -118,7 +151,7 @@ impl Pass for Median3<'_> {
                 prefetch(out, (index + AHEAD) * image.width + left, STRIP);
                 sort_windows3(&keys, &mut sorted[(index + 2) % 3]);
                 image.keys(index as isize + 2, left, 1, &mut keys);
-                let mut medians = Lane::ZERO;
+                let mut medians = Lane::zero();
                 for x in 0..STRIP {
                     medians.0[x] = median3_of_sorted([at(&sorted[0], x), at(&sorted[1], x), at(&sorted[2], x)]);
                 }
@@ -129,7 +162,7 @@ impl Pass for Median3<'_> {
 }
 
 #[inline(always)]
-fn sort_windows3(keys: &[i32; STRIP + 2], sorted: &mut [Lane; 3]) {
+fn sort_windows3<T: Sample>(keys: &[T; STRIP + 2], sorted: &mut [Lane<T>; 3]) {
     for x in 0..STRIP {
         let window = sort3([keys[x], keys[x + 1], keys[x + 2]]);
         for (lane, sample) in sorted.iter_mut().zip(window) {
@@ -138,24 +171,25 @@ fn sort_windows3(keys: &[i32; STRIP + 2], sorted: &mut [Lane; 3]) {
     }
 }
 
-struct Median5<'a> {
+struct Median5<'a, T> {
     image: Image<'a>,
     out: &'a mut [f32],
+    samples: PhantomData<T>,
 }
 
-impl Pass for Median5<'_> {
+impl<T: Sample> Pass for Median5<'_, T> {
     type Output = ();
 
     #[inline(always)]
     fn run(self) {
-        let Self { image, out } = self;
+        let Self { image, out, .. } = self;
         for left in (0..image.width).step_by(STRIP) {
             // Output rows are made in pairs y, y + 1. Their windows share the rows y - 1 to y + 2, merged two by two:
             // y - 1 with y, and y + 1 with y + 2, which the next pair of rows takes over as its first two.
-            let mut sorted = [[Lane::ZERO; 5]; RING]; // of row y + k at (index + k) % RING
-            let mut merged = [[Lane::ZERO; 10]; 2];
+            let mut sorted = [[Lane::zero(); 5]; RING]; // of row y + k at (index + k) % RING
+            let mut merged = [[Lane::zero(); 10]; 2];
             // Filled a round before they are sorted: unaligned loads of what was only just stored would stall.
-            let mut keys = [[0; STRIP + 4]; 2];
+            let mut keys = [[T::default(); STRIP + 4]; 2];
             for ahead in -2..2 {
                 image.keys(ahead, left, 2, &mut keys[0]);
                 sort_windows5(&keys[0], &mut sorted[(ahead + 8) as usize % RING]);
@@ -176,7 +210,7 @@ impl Pass for Median5<'_> {
                 }
                 merge_lanes(&sorted[(index + 1) % RING], &sorted[(index + 2) % RING], &mut merged[(half + 1) % 2]);
                 let (above, below) = (&sorted[(index + RING - 2) % RING], &sorted[(index + 3) % RING]);
-                let (mut upper, mut lower) = (Lane::ZERO, Lane::ZERO);
+                let (mut upper, mut lower) = (Lane::zero(), Lane::zero());
                 for x in 0..STRIP {
                     let shared = middle6(at(&merged[0], x), at(&merged[1], x));
                     upper.0[x] = median11(shared, at(above, x));
@@ -192,12 +226,12 @@ impl Pass for Median5<'_> {
 }
 
 #[inline(always)]
-fn at<const N: usize>(lanes: &[Lane; N], x: usize) -> [i32; N] {
+fn at<T: Sample, const N: usize>(lanes: &[Lane<T>; N], x: usize) -> [T; N] {
     lanes.each_ref().map(|lane| lane.0[x])
 }
 
 #[inline(always)]
-fn sort_windows5(keys: &[i32; STRIP + 4], sorted: &mut [Lane; 5]) {
+fn sort_windows5<T: Sample>(keys: &[T; STRIP + 4], sorted: &mut [Lane<T>; 5]) {
     for x in 0..STRIP {
         let window = sort5([keys[x], keys[x + 1], keys[x + 2], keys[x + 3], keys[x + 4]]);
         for (lane, sample) in sorted.iter_mut().zip(window) {
@@ -207,7 +241,7 @@ fn sort_windows5(keys: &[i32; STRIP + 4], sorted: &mut [Lane; 5]) {
 }
 
 #[inline(always)]
-fn merge_lanes(upper: &[Lane; 5], lower: &[Lane; 5], merged: &mut [Lane; 10]) {
+fn merge_lanes<T: Sample>(upper: &[Lane<T>; 5], lower: &[Lane<T>; 5], merged: &mut [Lane<T>; 10]) {
     for x in 0..STRIP {
         for (lane, sample) in merged.iter_mut().zip(merge5(at(upper, x), at(lower, x))) {
             lane.0[x] = sample;
@@ -264,11 +298,21 @@ mod tests {
         ]
     }
 
+    /// A sample without a sign that is not NaN: maps of these alone are compared as floats.
+    fn unsigned() -> impl Strategy<Value = f32> {
+        prop_oneof![
+            4 => (0u8..6).prop_map(f32::from),
+            4 => 0f32..90.0,
+            1 => prop_oneof![Just(f32::INFINITY), Just(1e-40), Just(f32::MAX)],
+        ]
+    }
+
     proptest! {
         #[test]
         fn every_level_takes_the_middle_of_the_sorted_window(
-            (width, height, input) in (1usize..140, 1usize..12).prop_flat_map(|(w, h)| {
-                (Just(w), Just(h), prop::collection::vec(sample(), w * h))
+            (width, height, input) in (1usize..270, 1usize..12).prop_flat_map(|(w, h)| {
+                let (any, unsigned) = (prop::collection::vec(sample(), w * h), prop::collection::vec(unsigned(), w * h));
+                (Just(w), Just(h), prop_oneof![any, unsigned])
             }),
         ) {
             prop_assert_eq!(filtered(median3_at, &input, width, height), expected(&input, width, height, 1));

@@ -4,19 +4,78 @@
 //! even and of odd index, then order neighbours across the two. Unused outputs are left out. That each
 //! network is right is proved in the tests by the 0-1 principle.
 
-#[inline(always)]
-fn order(a: i32, b: i32) -> (i32, i32) {
-    (a.min(b), a.max(b))
+use crate::raster::key;
+
+/// What is sorted.
+pub(super) trait Sample: Copy + Default {
+    /// The sample of a pixel.
+    fn of(depth: f32) -> Self;
+    /// The pixel of a sample.
+    fn depth(self) -> f32;
+    fn lesser(self, other: Self) -> Self;
+    fn greater(self, other: Self) -> Self;
+}
+
+/// The [`key`] of a pixel: all floats have an order, NaN too.
+impl Sample for i32 {
+    #[inline(always)]
+    fn of(depth: f32) -> Self {
+        key(depth.to_bits() as Self)
+    }
+
+    #[inline(always)]
+    fn depth(self) -> f32 {
+        f32::from_bits(key(self) as u32)
+    }
+
+    #[inline(always)]
+    fn lesser(self, other: Self) -> Self {
+        self.min(other)
+    }
+
+    #[inline(always)]
+    fn greater(self, other: Self) -> Self {
+        self.max(other)
+    }
+}
+
+/// A pixel that is zero or above, without a sign, and not NaN. Vectors of 512 bits compare floats on two ports, and
+/// integers on one.
+impl Sample for f32 {
+    #[inline(always)]
+    fn of(depth: f32) -> Self {
+        depth
+    }
+
+    #[inline(always)]
+    fn depth(self) -> f32 {
+        self
+    }
+
+    #[inline(always)]
+    fn lesser(self, other: Self) -> Self {
+        if self < other { self } else { other }
+    }
+
+    #[inline(always)]
+    fn greater(self, other: Self) -> Self {
+        if self > other { self } else { other }
+    }
 }
 
 #[inline(always)]
-fn middle(a: i32, b: i32, c: i32) -> i32 {
+fn order<T: Sample>(a: T, b: T) -> (T, T) {
+    (a.lesser(b), a.greater(b))
+}
+
+#[inline(always)]
+fn middle<T: Sample>(a: T, b: T, c: T) -> T {
     let (low, high) = order(a, b);
-    low.max(high.min(c))
+    low.greater(high.lesser(c))
 }
 
 #[inline(always)]
-pub(super) fn sort3([a, b, c]: [i32; 3]) -> [i32; 3] {
+pub(super) fn sort3<T: Sample>([a, b, c]: [T; 3]) -> [T; 3] {
     let (a, b) = order(a, b);
     let (b, c) = order(b, c);
     let (a, b) = order(a, b);
@@ -25,14 +84,14 @@ pub(super) fn sort3([a, b, c]: [i32; 3]) -> [i32; 3] {
 
 /// The median of nine samples in three sorted groups of three.
 #[inline(always)]
-pub(super) fn median3_of_sorted([a, b, c]: [[i32; 3]; 3]) -> i32 {
-    let low = a[0].max(b[0]).max(c[0]);
-    let high = a[2].min(b[2]).min(c[2]);
+pub(super) fn median3_of_sorted<T: Sample>([a, b, c]: [[T; 3]; 3]) -> T {
+    let low = a[0].greater(b[0]).greater(c[0]);
+    let high = a[2].lesser(b[2]).lesser(c[2]);
     middle(low, middle(a[1], b[1], c[1]), high)
 }
 
 #[inline(always)]
-pub(super) fn sort5([a, b, c, d, e]: [i32; 5]) -> [i32; 5] {
+pub(super) fn sort5<T: Sample>([a, b, c, d, e]: [T; 5]) -> [T; 5] {
     let (a, b) = order(a, b);
     let (c, d) = order(c, d);
     let [s, t, u, v] = merge2([a, b], [c, d]);
@@ -45,7 +104,7 @@ pub(super) fn sort5([a, b, c, d, e]: [i32; 5]) -> [i32; 5] {
 }
 
 #[inline(always)]
-fn merge2(a: [i32; 2], b: [i32; 2]) -> [i32; 4] {
+fn merge2<T: Sample>(a: [T; 2], b: [T; 2]) -> [T; 4] {
     let (first, low) = order(a[0], b[0]);
     let (high, last) = order(a[1], b[1]);
     let (low, high) = order(low, high);
@@ -53,7 +112,7 @@ fn merge2(a: [i32; 2], b: [i32; 2]) -> [i32; 4] {
 }
 
 #[inline(always)]
-fn merge3(a: [i32; 3], b: [i32; 3]) -> [i32; 6] {
+fn merge3<T: Sample>(a: [T; 3], b: [T; 3]) -> [T; 6] {
     let even = merge2([a[0], a[2]], [b[0], b[2]]);
     let odd = order(a[1], b[1]);
     let (s, t) = order(odd.0, even[1]);
@@ -62,7 +121,7 @@ fn merge3(a: [i32; 3], b: [i32; 3]) -> [i32; 6] {
 }
 
 #[inline(always)]
-pub(super) fn merge5(a: [i32; 5], b: [i32; 5]) -> [i32; 10] {
+pub(super) fn merge5<T: Sample>(a: [T; 5], b: [T; 5]) -> [T; 10] {
     let even = merge3([a[0], a[2], a[4]], [b[0], b[2], b[4]]);
     let odd = merge2([a[1], a[3]], [b[1], b[3]]);
     let (r1, r2) = order(odd[0], even[1]);
@@ -73,39 +132,39 @@ pub(super) fn merge5(a: [i32; 5], b: [i32; 5]) -> [i32; 10] {
 }
 
 #[inline(always)]
-fn middle_of_merge2(a: [i32; 2], b: [i32; 2]) -> (i32, i32) {
-    order(a[0].max(b[0]), a[1].min(b[1]))
+fn middle_of_merge2<T: Sample>(a: [T; 2], b: [T; 2]) -> (T, T) {
+    order(a[0].greater(b[0]), a[1].lesser(b[1]))
 }
 
 #[inline(always)]
-fn middle_of_merge3(a: [i32; 3], b: [i32; 3]) -> (i32, i32) {
+fn middle_of_merge3<T: Sample>(a: [T; 3], b: [T; 3]) -> (T, T) {
     let even = middle_of_merge2([a[0], a[2]], [b[0], b[2]]);
     let odd = order(a[1], b[1]);
-    (odd.0.max(even.0), odd.1.min(even.1))
+    (odd.0.greater(even.0), odd.1.lesser(even.1))
 }
 
 /// Ranks 4, 5 and 6 (from 0) of two sorted fives.
 #[inline(always)]
-fn ranks_4_to_6(a: [i32; 5], b: [i32; 5]) -> [i32; 3] {
+fn ranks_4_to_6<T: Sample>(a: [T; 5], b: [T; 5]) -> [T; 3] {
     let even = middle_of_merge3([a[0], a[2], a[4]], [b[0], b[2], b[4]]);
     let odd = middle_of_merge2([a[1], a[3]], [b[1], b[3]]);
     let (r5, r6) = order(odd.1, even.1);
-    [odd.0.max(even.0), r5, r6]
+    [odd.0.greater(even.0), r5, r6]
 }
 
 /// Ranks 3, 4 and 5 (from 0) of two sorted fives.
 #[inline(always)]
-fn ranks_3_to_5(a: [i32; 5], b: [i32; 5]) -> [i32; 3] {
+fn ranks_3_to_5<T: Sample>(a: [T; 5], b: [T; 5]) -> [T; 3] {
     let even = middle_of_merge3([a[0], a[2], a[4]], [b[0], b[2], b[4]]);
     let odd = middle_of_merge2([a[1], a[3]], [b[1], b[3]]);
     let (r3, r4) = order(odd.0, even.0);
-    [r3, r4, odd.1.min(even.1)]
+    [r3, r4, odd.1.lesser(even.1)]
 }
 
 /// Ranks 7 to 12 (from 0) of two sorted tens, ascending: the only ones of twenty samples that can be the median once
 /// five more are known.
 #[inline(always)]
-pub(super) fn middle6(a: [i32; 10], b: [i32; 10]) -> [i32; 6] {
+pub(super) fn middle6<T: Sample>(a: [T; 10], b: [T; 10]) -> [T; 6] {
     let even = ranks_4_to_6([a[0], a[2], a[4], a[6], a[8]], [b[0], b[2], b[4], b[6], b[8]]);
     let odd = ranks_3_to_5([a[1], a[3], a[5], a[7], a[9]], [b[1], b[3], b[5], b[7], b[9]]);
     let (r7, r8) = order(odd[0], even[0]);
@@ -116,10 +175,10 @@ pub(super) fn middle6(a: [i32; 10], b: [i32; 10]) -> [i32; 6] {
 
 /// The median of a sorted six and a sorted five.
 #[inline(always)]
-pub(super) fn median11(a: [i32; 6], b: [i32; 5]) -> i32 {
+pub(super) fn median11<T: Sample>(a: [T; 6], b: [T; 5]) -> T {
     let even = middle_of_merge3([a[0], a[2], a[4]], [b[0], b[2], b[4]]).1;
-    let odd = a[3].min(b[3]).max(a[1].max(a[5].min(b[1])));
-    odd.min(even)
+    let odd = a[3].lesser(b[3]).greater(a[1].greater(a[5].lesser(b[1])));
+    odd.lesser(even)
 }
 
 #[cfg(test)]
