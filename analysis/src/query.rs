@@ -25,7 +25,7 @@ use depthloom_graphs::plan::{FrameIndex, RunId};
 use depthloom_recording::Recording;
 pub(crate) use numbers::numbers;
 pub(crate) use percentiles::{Memory, OUTSIDE, Pass, Tally, percentiles, place};
-pub(crate) use scan::scan;
+pub(crate) use scan::{scan, threads};
 
 use crate::ablation::{Selection, selected_frames};
 use crate::error::{AnalysisError, caught};

@@ -9,9 +9,9 @@ use depthloom_recording::Recording;
 use depthloom_scores::ScoredPixels;
 use depthloom_threads::{into_unlocked, locked};
 
-use super::Distances;
 use super::metres::Metres;
 use super::samples::{FrameSamples, Samples};
+use super::{DistanceBin, Distances};
 use crate::error::AnalysisError;
 use crate::estimates::{Compared, Estimate};
 use crate::files::Output;
@@ -27,6 +27,7 @@ pub(super) fn distances(
     CollectedSamples { samples, mut truth, frames }: CollectedSamples<'_>,
 ) -> Result<Distances, AnalysisError> {
     let samples = Mutex::new(samples);
+    let mut repeated = Vec::new();
     for run in RunId::all(recording.plan().runs.len()) {
         let maps = Maps::new(run, estimates, &is_selected);
         if maps.estimates.is_empty() {
@@ -48,9 +49,19 @@ pub(super) fn distances(
         for (metre, count) in workers.into_iter().flat_map(|(_, truth)| truth) {
             *truth.entry(metre).or_default() += count;
         }
+        repeated.extend(maps.repeated);
     }
     let samples = into_unlocked(samples);
-    Ok(Distances { beyond: samples.beyond().to_vec(), bins: samples.percentiles()?, truth })
+    let mut beyond = samples.beyond().to_vec();
+    let mut bins = samples.percentiles()?;
+    for (estimate, first) in repeated {
+        beyond[estimate] = beyond[first];
+        let equal = bins.iter().filter(|bin| bin.estimate == first).map(|bin| DistanceBin { estimate, ..*bin });
+        let equal: Vec<DistanceBin> = equal.collect();
+        bins.extend(equal);
+    }
+    bins.sort_unstable_by_key(|bin| (bin.estimate, bin.bin_m));
+    Ok(Distances { beyond, bins, truth })
 }
 
 /// Samples that were collected while their maps were in memory.
@@ -75,18 +86,26 @@ pub(super) struct Maps {
     pub(super) topics: Vec<String>,
     /// Index of the estimate, place of its ground truth, place of its depth.
     estimates: Vec<(usize, usize, usize)>,
+    /// Estimates that variants share: index, and that of an estimate above with the same maps and settings.
+    repeated: Vec<(usize, usize)>,
 }
 
 impl Maps {
     /// The maps of the estimates for whose index `is_selected` returns true.
     pub(super) fn new(run: RunId, estimates: &[Estimate], is_selected: impl Fn(usize) -> bool) -> Self {
-        let mut maps = Self { run, topics: Vec::new(), estimates: Vec::new() };
+        let mut maps = Self { run, topics: Vec::new(), estimates: Vec::new(), repeated: Vec::new() };
         let selected =
             estimates.iter().enumerate().filter(|(index, estimate)| estimate.run == run && is_selected(*index));
         for (index, estimate) in selected {
             if let Some(Compared { truth_topic, estimate_topic, .. }) = estimate.compared() {
-                let places = (index, maps.place(truth_topic), maps.place(estimate_topic));
-                maps.estimates.push(places);
+                let (truth, depth) = (maps.place(truth_topic), maps.place(estimate_topic));
+                let is_equal = |(other, other_truth, other_depth): &&(usize, usize, usize)| {
+                    (*other_truth, *other_depth) == (truth, depth) && estimates[*other].settings == estimate.settings
+                };
+                match maps.estimates.iter().find(is_equal) {
+                    Some((first, ..)) => maps.repeated.push((index, *first)),
+                    None => maps.estimates.push((index, truth, depth)),
+                }
             }
         }
         maps

@@ -8,8 +8,10 @@ use super::FARTHEST_M;
 pub(super) struct Metres {
     /// By pixel, its index in `metres`.
     index: Vec<u16>,
-    /// The metres that have pixels, nearest first, each with the places of its pixels once they are sorted by metre.
-    /// Pixels that are too far have the last one, [`FARTHEST_M`].
+    /// The pixels, sorted by metre.
+    pixels: Vec<u32>,
+    /// The metres that have pixels, nearest first, each with the places of its pixels in `pixels`. Pixels that are too
+    /// far have the last one, [`FARTHEST_M`].
     metres: Vec<(u32, Range<usize>)>,
 }
 
@@ -24,8 +26,15 @@ impl Metres {
             metres.push((metre as u32, start..start + count));
             start += count;
         }
-        let index = ground_truth_m.iter().map(|t| indices[metre(*t)]).collect();
-        Self { index, metres }
+        let index: Vec<u16> = ground_truth_m.iter().map(|t| indices[metre(*t)]).collect();
+        let mut next: Vec<usize> = metres.iter().map(|(_, places)| places.start).collect();
+        let mut pixels = vec![0; index.len()];
+        for (pixel, index) in (0..).zip(&index) {
+            let next = &mut next[usize::from(*index)];
+            pixels[*next] = pixel;
+            *next += 1;
+        }
+        Self { index, pixels, metres }
     }
 
     /// The metres with pixels that are not too far, nearest first, each with its number of pixels.
@@ -39,17 +48,23 @@ impl Metres {
     }
 
     /// The samples of the pixels that are valid, by metre: all samples, and the metres with their places among them.
-    pub(super) fn sorted(&self, pixels: impl Iterator<Item = (u32, bool)>) -> (Vec<u32>, Vec<(u32, Range<usize>)>) {
-        let mut sorted = vec![0; self.index.len()];
-        let mut places = self.metres.clone();
-        places.iter_mut().for_each(|(_, places)| places.end = places.start);
-        for (index, (sample, is_valid)) in self.index.iter().zip(pixels) {
-            let end = &mut places[usize::from(*index)].1.end;
-            // Without a branch: valid pixels have no pattern to predict. The next valid one overwrites the others.
-            sorted[*end] = sample;
-            *end += usize::from(is_valid);
-        }
-        (sorted, places)
+    /// `sample` returns the sample of a pixel, and whether it is valid.
+    pub(super) fn sorted(&self, sample: impl Fn(usize) -> (u32, bool)) -> (Vec<u32>, Vec<(u32, Range<usize>)>) {
+        // One more, for a last sample that is not valid.
+        let mut sorted = vec![0; self.pixels.len() + 1];
+        let mut end = 0;
+        let by_metre = self.metres.iter().map(|(metre, places)| {
+            let start = end;
+            for pixel in &self.pixels[places.clone()] {
+                let (sample, is_valid) = sample(*pixel as usize);
+                // Without a branch: valid pixels have no pattern to predict. The next valid one overwrites the others.
+                sorted[end] = sample;
+                end += usize::from(is_valid);
+            }
+            (*metre, start..end)
+        });
+        let by_metre = by_metre.collect();
+        (sorted, by_metre)
     }
 }
 
@@ -63,15 +78,15 @@ mod tests {
         assert_eq!(metres.counts().collect::<Vec<_>>(), [(1, 1), (3, 3), (9, 1)]);
         let of_pixels: Vec<_> = metres.of_pixels().collect();
         assert_eq!(of_pixels, [Some(3), Some(9), Some(3), None, Some(1), None, Some(3)]);
-        let (sorted, places) = metres.sorted((10..17).map(|sample| (sample, sample != 12)));
+        let (sorted, places) = metres.sorted(|pixel| (10 + pixel as u32, pixel != 2));
         let found: Vec<_> = places.into_iter().map(|(metre, places)| (metre, sorted[places].to_vec())).collect();
         assert_eq!(found, [(1, vec![14]), (3, vec![10, 16]), (9, vec![11]), (FARTHEST_M, vec![13, 15])]);
     }
 
     #[test]
     fn a_last_pixel_without_a_sample_is_nowhere() {
-        let (sorted, places) = Metres::new(&[2.0, 2.5]).sorted([(7, true), (8, false)].into_iter());
+        let (sorted, places) = Metres::new(&[2.0, 2.5]).sorted(|pixel| (7, pixel == 0));
         assert_eq!(sorted[places[0].1.clone()], [7]);
-        assert!(Metres::new(&[]).sorted(std::iter::empty()).0.is_empty());
+        assert!(Metres::new(&[]).sorted(|_| (7, true)).1.is_empty());
     }
 }

@@ -3,7 +3,7 @@
 use std::ops::Range;
 use std::sync::Mutex;
 
-use depthloom_threads::{Budget, Tiles as _, core_count, into_unlocked, locked};
+use depthloom_threads::locked;
 
 use super::metres::Metres;
 use super::sample::sample;
@@ -12,13 +12,17 @@ use super::{DistanceBin, FARTHEST_M, Spread};
 use super::{selection, sorting};
 use crate::error::AnalysisError;
 use crate::files::Output;
+use crate::query::{scan, threads};
+
+/// The samples that each core reads back at a time, if that many are allowed in memory at all.
+const BY_CORE: usize = 1 << 18;
 
 /// Collects the samples of all estimates, with at most a given number of them in memory.
 ///
 /// A sample takes 4 bytes, or up to 8 while its bin grows. Once there are more than `at_most`, all are moved to a
-/// [temporary file](Spill), from which as many metres as fit are read back at a time. A metre with more samples than
-/// `at_most` is [counted](super::selection): exactly, and with memory that depends on neither frames nor pixels. All
-/// ways give the same bits.
+/// [temporary file](Spill), from which each core reads back some metres at a time, together `at_most` samples or
+/// [`BY_CORE`] each. A metre with more samples is [counted](super::selection): exactly, and with memory that depends on
+/// neither frames nor pixels. All ways give the same bits.
 pub(super) struct Samples<'a> {
     output: Output<'a>,
     /// By estimate and metre of ground-truth distance.
@@ -49,9 +53,8 @@ impl FrameSamples {
     /// [errors](depthloom_scores::ScoredPixels::absolute_errors). `shared` states for each scored pixel whether it is
     /// valid in all compared estimates.
     pub(super) fn add(&mut self, estimate: usize, metres: &Metres, errors_m: &[f32], shared: &[bool]) {
-        let pixels = errors_m.iter().zip(shared);
         let (samples, mut metres) =
-            metres.sorted(pixels.map(|(&error_m, &is_shared)| (sample(error_m, is_shared), !error_m.is_nan())));
+            metres.sorted(|pixel| (sample(errors_m[pixel], shared[pixel]), !errors_m[pixel].is_nan()));
         let too_far = metres.pop_if(|(metre, _)| *metre >= FARTHEST_M);
         let beyond = too_far.map_or(0, |(_, places)| places.len() as u64);
         self.0.push(EstimateSamples { estimate, samples, metres, beyond });
@@ -93,56 +96,64 @@ impl<'a> Samples<'a> {
         &self.beyond
     }
 
-    /// The percentiles, estimate by estimate, nearest bin first.
+    /// The percentiles, in no order.
     pub(super) fn percentiles(mut self) -> Result<Vec<DistanceBin>, AnalysisError> {
         if self.spill.is_some() {
             self.spill()?;
         }
-        let mut bins = Vec::new();
-        for estimate in 0..self.in_memory.len() {
-            self.output.check_stop()?;
-            let spreads = match &self.spill {
-                Some(spill) => self.spilled_spreads(spill, estimate)?,
-                None => spreads_by_metre(std::mem::take(&mut self.in_memory[estimate])),
-            };
-            for (bin_m, [valid, shared]) in (0..).zip(spreads) {
-                bins.extend(valid.map(|valid| DistanceBin { estimate, bin_m, valid, shared }));
-            }
-        }
-        Ok(bins)
+        let bins = match &self.spill {
+            Some(spill) => self.spilled_bins(spill)?,
+            None => self.bins_in_memory()?,
+        };
+        Ok(bins.concat())
     }
 
-    /// The spreads of an estimate's samples in the file, by metre.
-    fn spilled_spreads(&self, spill: &Spill, estimate: usize) -> Result<Vec<[Option<Spread>; 2]>, AnalysisError> {
-        let counts = spill.counts(estimate);
-        let mut spreads = Vec::with_capacity(counts.len());
-        while spreads.len() < counts.len() {
-            let (first, mut together) = (spreads.len(), 0);
-            let fits = |count: &&u64| {
-                together += **count;
-                together <= self.at_most as u64
-            };
-            let mut read_back: Vec<Vec<u32>> =
-                counts[first..].iter().take_while(fits).map(|count| Vec::with_capacity(*count as usize)).collect();
-            if read_back.is_empty() {
+    /// The bins of samples in memory, in no order.
+    fn bins_in_memory(&mut self) -> Result<Vec<Vec<DistanceBin>>, AnalysisError> {
+        let mut metres = Vec::new();
+        for (estimate, bins) in self.in_memory.iter_mut().enumerate() {
+            metres.extend((0..).zip(std::mem::take(bins)).map(|(metre, bin)| (estimate, metre, Mutex::new(bin))));
+        }
+        scan(metres.len(), self.output.stop, Vec::new, |bins, metre| {
+            let (estimate, bin_m, samples) = &metres[metre];
+            bins.extend(bin(*estimate, *bin_m, sorting::spreads(std::mem::take(&mut locked(samples)))));
+            Ok(())
+        })
+    }
+
+    /// The bins of samples in the file, in no order.
+    fn spilled_bins(&self, spill: &Spill) -> Result<Vec<Vec<DistanceBin>>, AnalysisError> {
+        let fits = (self.at_most / threads()).max(self.at_most.min(BY_CORE)) as u64;
+        let parts: Vec<(usize, Range<usize>)> = (0..self.in_memory.len())
+            .flat_map(|estimate| together(spill.counts(estimate), fits).map(move |metres| (estimate, metres)))
+            .collect();
+        scan(parts.len(), self.output.stop, Vec::new, |bins, part| {
+            let (estimate, metres) = &parts[part];
+            let counts = &spill.counts(*estimate)[metres.clone()];
+            if counts.iter().sum::<u64>() > fits {
                 let visit = |f: &mut dyn FnMut(&[u32])| {
-                    spill.visit(estimate, first..first + 1, &mut |_, samples| {
+                    spill.visit(*estimate, metres.clone(), &mut |_, samples| {
                         self.output.check_stop()?;
                         f(samples);
                         Ok(())
                     })
                 };
-                spreads.push(selection::spreads(visit)?);
-                continue;
+                bins.extend(bin(*estimate, metres.start, selection::spreads(visit)?));
+                return Ok(());
             }
-            spill.visit(estimate, first..first + read_back.len(), &mut |metre, samples| {
-                read_back[metre - first].extend_from_slice(samples);
+            let mut samples: Vec<Vec<u32>> = counts.iter().map(|count| Vec::with_capacity(*count as usize)).collect();
+            spill.visit(*estimate, metres.clone(), &mut |metre, read| {
+                samples[metre - metres.start].extend_from_slice(read);
                 Ok(())
             })?;
-            self.output.check_stop()?;
-            spreads.extend(spreads_by_metre(read_back));
-        }
-        Ok(spreads)
+            bins.extend(
+                metres
+                    .clone()
+                    .zip(samples)
+                    .filter_map(|(metre, samples)| bin(*estimate, metre, sorting::spreads(samples))),
+            );
+            Ok(())
+        })
     }
 
     /// Appends the samples in memory to the file.
@@ -161,16 +172,25 @@ impl<'a> Samples<'a> {
     }
 }
 
-/// The spreads of samples by metre, computed on all cores.
-fn spreads_by_metre(samples: Vec<Vec<u32>>) -> Vec<[Option<Spread>; 2]> {
-    let metres: Vec<_> = samples.into_iter().map(|metre| Mutex::new((metre, [None; 2]))).collect();
-    let budget = Budget::new(core_count());
-    let _own = budget.permit();
-    budget.run(metres.len(), &|metre| {
-        let mut metre = locked(&metres[metre]);
-        metre.1 = sorting::spreads(std::mem::take(&mut metre.0));
-    });
-    metres.into_iter().map(|metre| into_unlocked(metre).1).collect()
+/// The bin of these spreads; `None` without samples.
+fn bin(estimate: usize, metre: usize, [valid, shared]: [Option<Spread>; 2]) -> Option<DistanceBin> {
+    valid.map(|valid| DistanceBin { estimate, bin_m: metre as u32, valid, shared })
+}
+
+/// Neighbouring metres of which the samples fit in memory together; a metre that does not fit is alone. Given the
+/// number of samples of each metre.
+fn together(counts: &[u64], fits: u64) -> impl Iterator<Item = Range<usize>> {
+    let mut start = 0;
+    std::iter::from_fn(move || {
+        let mut sum = 0;
+        let more = counts[start..].iter().take_while(|count| {
+            sum += **count;
+            sum <= fits
+        });
+        let metres = start..start + more.count().max(1);
+        start = metres.end;
+        (metres.end <= counts.len()).then_some(metres)
+    })
 }
 
 #[cfg(test)]
@@ -229,7 +249,8 @@ mod tests {
             samples.take(frame).unwrap();
         }
         assert!(at_most == usize::MAX || samples.spill.is_some(), "the bound was not reached");
-        let bins = samples.percentiles().unwrap();
+        let mut bins = samples.percentiles().unwrap();
+        bins.sort_unstable_by_key(|bin| (bin.estimate, bin.bin_m));
         assert_eq!(std::fs::read_dir(folder.path()).unwrap().count(), 0, "nothing is left behind");
         bins
     }
@@ -299,7 +320,8 @@ mod tests {
         let mut samples = Samples::new(1, 10, Output { folder: std::path::Path::new("."), stop: &|| false });
         samples.take(frame).unwrap();
         assert_eq!(samples.beyond(), [2]);
-        let bins = samples.percentiles().unwrap();
-        assert_eq!(bins.iter().map(|bin| bin.bin_m).collect::<Vec<_>>(), [5, 4095]);
+        let mut metres: Vec<u32> = samples.percentiles().unwrap().into_iter().map(|bin| bin.bin_m).collect();
+        metres.sort_unstable();
+        assert_eq!(metres, [5, 4095]);
     }
 }

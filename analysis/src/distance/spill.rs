@@ -84,15 +84,25 @@ impl Spill {
             self.file.read_exact_at(bytemuck::cast_slice_mut(&mut counts), stretch.start).map_err(failed)?;
             let before: u64 = counts.iter().take(metres.start).map(|count| u64::from(*count)).sum();
             let mut at = stretch.start + 4 * (stretch.metres as u64 + before);
-            for (metre, &count) in counts.iter().enumerate().take(metres.end).skip(metres.start) {
+            let wanted = || counts.iter().enumerate().take(metres.end).skip(metres.start);
+            let mut unread: usize = wanted().map(|(_, count)| *count as usize).sum();
+            // The samples of neighbouring metres follow each other, and are read together.
+            let mut batch = 0..0;
+            for (metre, &count) in wanted() {
                 seen[metre - metres.start] += u64::from(count);
                 let mut remaining = count as usize;
                 while remaining > 0 {
-                    let batch = &mut samples[..remaining.min(BATCH)];
-                    self.file.read_exact_at(bytemuck::cast_slice_mut(batch), at).map_err(failed)?;
-                    f(metre, batch)?;
-                    remaining -= batch.len();
-                    at += 4 * batch.len() as u64;
+                    if batch.is_empty() {
+                        batch = 0..unread.min(BATCH);
+                        let read = &mut samples[batch.clone()];
+                        self.file.read_exact_at(bytemuck::cast_slice_mut(read), at).map_err(failed)?;
+                        unread -= batch.len();
+                        at += 4 * batch.len() as u64;
+                    }
+                    let of_metre = batch.start..batch.end.min(batch.start + remaining);
+                    f(metre, &samples[of_metre.clone()])?;
+                    remaining -= of_metre.len();
+                    batch.start = of_metre.end;
                 }
             }
         }
