@@ -335,8 +335,10 @@ impl Pass for Search<'_> {
     fn run(self) -> (Vec<u32>, Vec<f32>) {
         const GROUP: usize = 16;
         let Self { ground_truth_m, width, window, min_m, max_m } = self;
-        // NaN compares false.
-        let is_scored = |t: f32| (t > min_m) & (t < max_m);
+        // Bits of positive floats order as the floats do; those of NaN and of negative numbers are above. So both
+        // bounds are one comparison of integers.
+        let (lowest, count) = (min_m.to_bits() + 1, max_m.to_bits().saturating_sub(min_m.to_bits() + 1));
+        let is_scored = |t: f32| t.to_bits().wrapping_sub(lowest) < count;
         let (mut at, mut truths) = (Vec::new(), Vec::new());
         let (mut row_at, mut row_truths) = (vec![0; width], vec![0.0; width]);
         for row in window.rows {

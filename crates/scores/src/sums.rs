@@ -123,6 +123,28 @@ fn lanes_sum(lanes: [f64; LANES]) -> f64 {
     (half[0] + half[2]) + (half[1] + half[3])
 }
 
+#[inline(always)]
+fn sum(numbers: &[f64; BLOCK]) -> f64 {
+    let mut lanes = ZEROS;
+    for row in rows(numbers) {
+        for lane in 0..LANES {
+            lanes[lane] += row[lane];
+        }
+    }
+    lanes_sum(lanes)
+}
+
+#[inline(always)]
+fn sum_of_products(some: &[f64; BLOCK], others: &[f64; BLOCK]) -> f64 {
+    let mut lanes = ZEROS;
+    for (some, others) in rows(some).zip(rows(others)) {
+        for lane in 0..LANES {
+            lanes[lane] += some[lane] * others[lane];
+        }
+    }
+    lanes_sum(lanes)
+}
+
 impl Sums {
     const EMPTY: Self = Self {
         pixels: 0,
@@ -142,59 +164,46 @@ impl Sums {
         if count == 0 {
             return;
         }
-        // A loop for each sum or two: each is done in vectors, whose partial sums stay in registers.
-        let mut logs = [0.0; BLOCK];
+        // A loop for each step: each is done in vectors. With several sums in a loop, the compiler packs these into a
+        // vector instead of the pixels.
+        let [mut logs, mut differences, mut quotients] = [[0.0; BLOCK]; 3];
         for ((e, t), y) in logs.iter_mut().zip(t).zip(y) {
             *e = ln(y / t);
         }
-        let (mut relative, mut by_truth, mut by_truth_squared) = (ZEROS, ZEROS, ZEROS);
-        let mut squared = ZEROS;
-        for (t, y) in rows(t).zip(rows(y)) {
-            for lane in 0..LANES {
-                let difference = (y[lane] - t[lane]).abs();
-                let quotient = difference / t[lane];
-                relative[lane] += quotient;
-                by_truth[lane] += quotient * difference;
-                by_truth_squared[lane] += quotient * quotient;
-                squared[lane] += difference * difference;
-            }
+        for ((difference, t), y) in differences.iter_mut().zip(t).zip(y) {
+            *difference = (y - t).abs();
         }
-        let (mut log, mut log_squared) = (ZEROS, ZEROS);
-        for e in rows(&logs) {
-            for lane in 0..LANES {
-                log[lane] += e[lane];
-                log_squared[lane] += e[lane] * e[lane];
-            }
+        for ((quotient, t), difference) in quotients.iter_mut().zip(t).zip(&differences) {
+            *quotient = difference / t;
         }
         // `max(y/t, t/y) < 1.25^k` without divisions; the powers are exact in binary, so for f32 maps it is the same
         // result. Counted in floats, which have as many lanes as the conditions.
-        let within = [1.25, 1.5625, 1.953_125].map(|limit| {
-            let mut within = ZEROS;
+        let mut within = [0; 3];
+        for (within, limit) in within.iter_mut().zip([1.25, 1.5625, 1.953_125]) {
+            let mut lanes = ZEROS;
             for (t, y) in rows(t).zip(rows(y)) {
                 for lane in 0..LANES {
                     let is_within = (y[lane] < limit * t[lane]) & (t[lane] < limit * y[lane]);
-                    within[lane] += if is_within { 1.0 } else { 0.0 };
+                    lanes[lane] += if is_within { 1.0 } else { 0.0 };
                 }
             }
-            within.iter().sum::<f64>() as u64 - (BLOCK - count) as u64
-        });
-        let log_mean = lanes_sum(log) / count as f64;
-        let mut spread = ZEROS;
-        for row in logs[..count].chunks(LANES) {
-            for (lane, e) in row.iter().enumerate() {
-                spread[lane] += (e - log_mean) * (e - log_mean);
-            }
+            *within = lanes.iter().sum::<f64>() as u64 - (BLOCK - count) as u64;
+        }
+        let log_mean = sum(&logs) / count as f64;
+        let mut deviations = [0.0; BLOCK];
+        for (deviation, e) in deviations[..count].iter_mut().zip(&logs) {
+            *deviation = e - log_mean;
         }
         self.merge(&Self {
             pixels: count as u64,
             within,
-            relative: lanes_sum(relative),
-            squared_by_truth: lanes_sum(by_truth),
-            squared_by_truth_squared: lanes_sum(by_truth_squared),
-            squared: lanes_sum(squared),
-            log_squared: lanes_sum(log_squared),
+            relative: sum(&quotients),
+            squared_by_truth: sum_of_products(&quotients, &differences),
+            squared_by_truth_squared: sum_of_products(&quotients, &quotients),
+            squared: sum_of_products(&differences, &differences),
+            log_squared: sum_of_products(&logs, &logs),
             log_mean,
-            log_spread: lanes_sum(spread),
+            log_spread: sum_of_products(&deviations, &deviations),
         });
     }
 
