@@ -8,6 +8,7 @@ use std::borrow::Cow;
 
 use depthloom_graphs::Value;
 use depthloom_graphs::values::{Calibration, Raster};
+use depthloom_simd::{Level, Pass, prefetch};
 use png::{BitDepth, ColorType, Compression, Encoder, Filter};
 
 use crate::files::Colours;
@@ -89,6 +90,7 @@ impl Scale {
 
     /// The level of a number; one that is not positive has the lowest. Plain arithmetic alone, so that a row is done in
     /// vectors.
+    #[inline(always)]
     fn level(&self, number: f32) -> u8 {
         // All bits of a negative number, read as a signed one, are below those of a positive.
         let above = (number.to_bits() as i32).max(self.from) - self.from;
@@ -98,6 +100,7 @@ impl Scale {
 
 /// The nearest whole number of one from 0 to 255. Above 2^23 a float's last bits count ones; a cast, which must ask for
 /// NaN and bounds, would leave the vectors.
+#[inline(always)]
 fn rounded(number: f32) -> u8 {
     (number + 8_388_608.0).to_bits() as u8
 }
@@ -113,16 +116,7 @@ where
     }
     let columns = width.div_ceil(STEP) as usize;
     let mut levels = vec![0; columns * height.div_ceil(STEP) as usize];
-    let rows = raster.as_raw().chunks_exact(width as usize).step_by(STEP as usize);
-    for (levels, row) in levels.chunks_exact_mut(columns).zip(rows) {
-        let (pairs, last) = row.as_chunks::<{ STEP as usize }>();
-        for (of_pixel, pair) in levels.iter_mut().zip(pairs) {
-            *of_pixel = level(pair[0]);
-        }
-        if let ([last, ..], Some(of_pixel)) = (last, levels.last_mut()) {
-            *of_pixel = level(*last);
-        }
-    }
+    Level::best().run(Levels { raster, level, out: &mut levels });
     let mut out = Vec::with_capacity(levels.len() / 2);
     let mut encoder = Encoder::new(&mut out, width.div_ceil(STEP), height.div_ceil(STEP));
     encoder.set_color(ColorType::Indexed);
@@ -133,6 +127,40 @@ where
     let written =
         encoder.write_header().and_then(|mut writer| writer.write_image_data(&levels).and_then(|()| writer.finish()));
     written.ok().map(|()| out)
+}
+
+/// Makes the levels of every second pixel and row.
+struct Levels<'a, T, F>
+where
+    image::Luma<T>: image::Pixel<Subpixel = T>,
+{
+    raster: &'a Raster<T>,
+    level: F,
+    out: &'a mut [u8],
+}
+
+impl<T: Copy, F: Fn(T) -> u8> Pass for Levels<'_, T, F>
+where
+    image::Luma<T>: image::Pixel<Subpixel = T>,
+{
+    type Output = ();
+
+    #[inline(always)]
+    fn run(self) {
+        let width = self.raster.width() as usize;
+        let samples = self.raster.as_raw();
+        let rows = samples.chunks_exact(width).enumerate().step_by(STEP as usize);
+        for (levels, (y, row)) in self.out.chunks_exact_mut(width.div_ceil(STEP as usize)).zip(rows) {
+            prefetch(samples, (y + STEP as usize) * width, width);
+            let (pairs, last) = row.as_chunks::<{ STEP as usize }>();
+            for (of_pixel, pair) in levels.iter_mut().zip(pairs) {
+                *of_pixel = (self.level)(pair[0]);
+            }
+            if let ([last, ..], Some(of_pixel)) = (last, levels.last_mut()) {
+                *of_pixel = (self.level)(*last);
+            }
+        }
+    }
 }
 
 fn palette(colours: Colours) -> Vec<u8> {

@@ -26,7 +26,7 @@ mod path;
 use std::marker::PhantomData;
 
 pub use depthloom_simd::Level;
-pub(crate) use depthloom_simd::Pass;
+pub(crate) use depthloom_simd::{Pass, prefetch};
 
 pub(crate) use block::{BLOCK, Block};
 pub(crate) use lanes::{LANES, Lanes};
@@ -130,25 +130,6 @@ impl<P: LanesPass, L: Lanes> Pass for WithLanes<P, L> {
     fn run(self) -> P::Output {
         self.0.run::<L>()
     }
-}
-
-/// Asks the cache for `count` samples from `start` on, as far as they are in the slice. Walking down a strip of an
-/// image jumps a row at a time, which the processor does not foresee.
-#[inline(always)]
-pub(crate) fn prefetch<T>(samples: &[T], start: usize, count: usize) {
-    #[cfg(target_arch = "x86_64")]
-    {
-        use std::arch::x86_64::{_MM_HINT_T0, _mm_prefetch};
-        const LINE: usize = 64;
-        for sample in (start..start + count).step_by(LINE / size_of::<T>()) {
-            if let Some(sample) = samples.get(sample) {
-                // SAFETY: a prefetch reads nothing; the address is that of a sample, and SSE is part of x86-64.
-                unsafe { _mm_prefetch::<_MM_HINT_T0>(std::ptr::from_ref(sample).cast()) };
-            }
-        }
-    }
-    #[cfg(not(target_arch = "x86_64"))]
-    let _ = (samples, start, count);
 }
 
 /// Runs `kernel` at every level of this machine and demands the same result of all.

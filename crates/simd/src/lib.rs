@@ -206,6 +206,25 @@ impl Level {
     }
 }
 
+/// Asks the cache for `count` samples from `start` on, as far as they are in the slice: for loops that jump from place to
+/// place, which the processor does not foresee.
+#[inline(always)]
+pub fn prefetch<T>(samples: &[T], start: usize, count: usize) {
+    #[cfg(target_arch = "x86_64")]
+    {
+        use std::arch::x86_64::{_MM_HINT_T0, _mm_prefetch};
+        const LINE: usize = 64;
+        for sample in (start..start + count).step_by(LINE / size_of::<T>()) {
+            if let Some(sample) = samples.get(sample) {
+                // SAFETY: a prefetch reads nothing; the address is that of a sample, and SSE is part of x86-64.
+                unsafe { _mm_prefetch::<_MM_HINT_T0>(std::ptr::from_ref(sample).cast()) };
+            }
+        }
+    }
+    #[cfg(not(target_arch = "x86_64"))]
+    let _ = (samples, start, count);
+}
+
 #[cfg(target_arch = "x86_64")]
 #[target_feature(enable = "avx2,fma,bmi1,bmi2,lzcnt,popcnt")]
 fn avx2<P: Pass>(pass: P) -> P::Output {
