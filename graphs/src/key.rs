@@ -30,13 +30,13 @@ impl Key {
 
     /// A hasher for keys made of several parts; `domain` keeps keys of different meaning apart.
     pub fn build(domain: &str) -> KeyBuilder {
-        let builder = KeyBuilder(Vec::with_capacity(256)); // a node with three inputs
+        let builder = KeyBuilder { parts: Vec::with_capacity(256), hasher: None }; // a node with three inputs
         builder.number(KEY_VERSION).text(domain)
     }
 
     /// As [`Key::build`], for stored digests that are not cache keys and do not depend on their version.
     pub fn digest(domain: &str) -> KeyBuilder {
-        KeyBuilder(Vec::with_capacity(128)).text(domain)
+        KeyBuilder { parts: Vec::with_capacity(128), hasher: None }.text(domain)
     }
 
     fn from_hash(hash: &blake3::Hash) -> Self {
@@ -94,17 +94,29 @@ impl<'de> Deserialize<'de> for Key {
     }
 }
 
+/// Parts from this length on, bytes, are hashed as they come.
+const LONG: usize = 4096;
+
 /// Collects the parts of a key; every part is length-prefixed, so that no two lists of parts collide.
 ///
-/// The parts are hashed together at the end, since a hasher of two kilobytes is expensive to move.
-pub struct KeyBuilder(Vec<u8>);
+/// Short parts are hashed together at the end, since a hasher of two kilobytes is expensive to move.
+pub struct KeyBuilder {
+    /// What is not hashed yet.
+    parts: Vec<u8>,
+    hasher: Option<Box<blake3::Hasher>>,
+}
 
 impl KeyBuilder {
     /// Adds bytes.
     #[must_use]
     pub fn bytes(mut self, bytes: &[u8]) -> Self {
-        self.0.extend_from_slice(&(bytes.len() as u64).to_le_bytes());
-        self.0.extend_from_slice(bytes);
+        self.parts.extend_from_slice(&(bytes.len() as u64).to_le_bytes());
+        if bytes.len() < LONG {
+            self.parts.extend_from_slice(bytes);
+        } else {
+            self.hasher.get_or_insert_default().update(&self.parts).update(bytes);
+            self.parts.clear();
+        }
         self
     }
 
@@ -129,7 +141,10 @@ impl KeyBuilder {
     /// The key of all parts added.
     #[must_use]
     pub fn finish(self) -> Key {
-        Key::of_content(&self.0)
+        match self.hasher {
+            None => Key::of_content(&self.parts),
+            Some(mut hasher) => Key::from_hash(&hasher.update(&self.parts).finalize()),
+        }
     }
 }
 
@@ -143,6 +158,18 @@ mod tests {
         assert_eq!(Key::parse(&key.to_string()), Some(key));
         assert_eq!(Key::parse("zz"), None);
         assert_eq!(Key::of_reader(&b"depth"[..]).expect("slices can be read"), key);
+    }
+
+    #[test]
+    fn long_parts_are_hashed_as_short_ones_are() {
+        for length in [0, 1, super::LONG - 1, super::LONG, 3 * super::LONG] {
+            let long = vec![7; length];
+            let parts: [&[u8]; 4] = [b"d", &long, b"ab", &long];
+            let all: Vec<u8> =
+                parts.iter().flat_map(|part| [&(part.len() as u64).to_le_bytes(), *part].concat()).collect();
+            let key = Key::digest("d").bytes(&long).text("ab").bytes(&long).finish();
+            assert_eq!(key, Key::of_content(&all), "{length}");
+        }
     }
 
     #[test]

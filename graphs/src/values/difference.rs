@@ -2,6 +2,8 @@
 
 use std::fmt;
 
+use bytemuck::NoUninit;
+
 use super::{Calibration, Curve, Image, Number, Pixels, Raster, Value, ValueType};
 
 /// How two values differ.
@@ -190,7 +192,7 @@ fn float(value: &f32) -> Option<f64> {
     (!value.is_nan()).then(|| f64::from(*value))
 }
 
-fn pixels<T>(
+fn pixels<T: NoUninit>(
     recorded: Sized<'_, T>,
     now: Sized<'_, T>,
     tolerance: f64,
@@ -203,7 +205,7 @@ fn pixels<T>(
     })
 }
 
-fn samples<T>(
+fn samples<T: NoUninit>(
     (recorded, was): Sized<'_, T>,
     (now, is): Sized<'_, T>,
     tolerance: f64,
@@ -214,9 +216,28 @@ fn samples<T>(
         let size = |(width, height): (u32, u32)| format!("{width}x{height} pixels");
         return ValueDifference::whole(size(was), size(is));
     }
+    numbers(recorded, now, tolerance, number, place)
+}
+
+/// Compares equally many samples.
+fn numbers<T: NoUninit>(
+    recorded: &[T],
+    now: &[T],
+    tolerance: f64,
+    number: impl Fn(&T) -> Option<f64>,
+    place: impl Fn(u64) -> Place,
+) -> ValueDifference {
+    const BLOCK: usize = 4096;
     let mut difference = ValueDifference::default();
-    for (at, (a, b)) in recorded.iter().zip(now).enumerate() {
-        difference.take(number(a), number(b), tolerance, || place(at as u64));
+    for (first, (recorded, now)) in (0..).step_by(BLOCK).zip(recorded.chunks(BLOCK).zip(now.chunks(BLOCK))) {
+        // Nearly always all bytes are equal.
+        if bytemuck::cast_slice::<T, u8>(recorded) == bytemuck::cast_slice::<T, u8>(now) {
+            difference.numbers += recorded.len() as u64;
+            continue;
+        }
+        for (at, (a, b)) in (first..).zip(recorded.iter().zip(now)) {
+            difference.take(number(a), number(b), tolerance, || place(at));
+        }
     }
     difference
 }
@@ -321,11 +342,7 @@ fn bytes(recorded: &[u8], now: &[u8]) -> ValueDifference {
     if recorded.len() != now.len() {
         return ValueDifference::whole(format!("{} bytes", recorded.len()), format!("{} bytes", now.len()));
     }
-    let mut difference = ValueDifference::default();
-    for (at, (a, b)) in recorded.iter().zip(now).enumerate() {
-        difference.take(Some(f64::from(*a)), Some(f64::from(*b)), 0.0, || Place::Byte(at as u64));
-    }
-    difference
+    numbers(recorded, now, 0.0, |byte| Some(f64::from(*byte)), Place::Byte)
 }
 
 #[cfg(test)]
@@ -335,6 +352,22 @@ mod tests {
 
     fn depth(metres: [f32; 4]) -> Value {
         Depth { metres: Raster::from_raw(2, 2, metres.to_vec()).unwrap() }.into()
+    }
+
+    #[test]
+    fn a_lone_difference_far_down_a_map_is_found_at_its_pixel() {
+        let metres: Vec<f32> =
+            (0..100 * 130).map(|pixel| if pixel % 7 == 0 { f32::NAN } else { pixel as f32 }).collect();
+        let map = |metres: &[f32]| Value::from(Depth { metres: Raster::from_raw(100, 130, metres.to_vec()).unwrap() });
+        for pixel in [4095, 4096, 9051, 12_999] {
+            let mut changed = metres.clone();
+            changed[pixel] = -1.0;
+            let found = ValueDifference::between(&map(&metres), &map(&changed), 0.0);
+            assert_eq!((found.numbers, found.different), (13_000, 1));
+            let place = Place::Pixel(pixel as u32 % 100, pixel as u32 / 100);
+            let recorded = (pixel % 7 != 0).then_some(pixel as f64);
+            assert_eq!(found.first, Some(Differs::Number { place, recorded, now: Some(-1.0) }));
+        }
     }
 
     #[test]
