@@ -10,6 +10,9 @@ use depthloom_graphs::regular_file;
 use crate::error::FileError;
 use crate::open_files::{FileOnDemand, OpenFiles};
 
+/// Bytes that are appended at a time: so few that they are still in a cache when they are read, after they were cleared.
+const STRETCH: usize = 256 << 10;
+
 /// A file open for reading.
 #[derive(Debug)]
 pub struct PositionedFile {
@@ -74,8 +77,12 @@ impl PositionedFile {
     pub fn append_range(&self, buffer: &mut Vec<u8>, offset: u64, length: u64) -> Result<(), FileError> {
         let (start, bytes) = (buffer.len(), self.checked(offset, length)?);
         buffer.try_reserve(bytes).map_err(|_| self.too_large(offset, length))?;
-        buffer.resize(start + bytes, 0);
-        self.read_exact(&mut buffer[start..], offset)
+        while buffer.len() < start + bytes {
+            let stretch = buffer.len()..(start + bytes).min(buffer.len() + STRETCH);
+            buffer.resize(stretch.end, 0);
+            self.read_exact(&mut buffer[stretch.clone()], offset + (stretch.start - start) as u64)?;
+        }
+        Ok(())
     }
 
     /// The length of a range that the file has: lengths in a damaged file can be anything, so this comes before any
