@@ -35,7 +35,7 @@ mod zones;
 pub use crop::{Crop, Window};
 pub use disparity::{DisparityMaps, DisparityScores};
 pub use line::Line;
-pub use ln::ln;
+pub use ln::{ln, logarithms};
 pub use metric::{DEPTH, DISPARITY, Family, Mean, Metric, Pooling};
 pub use params::{DisparityScoreParams, MetricNames, ScoreParams};
 pub use pixels::{Alignment, DepthEstimate, ScoredPixels};

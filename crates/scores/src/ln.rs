@@ -3,6 +3,32 @@
 //! The system's differs in the last bit between machines (it picks instructions by the CPU), and it cannot be
 //! vectorised; scores are recorded, and recordings of equal runs are equal files.
 
+use depthloom_simd::{Level, Pass};
+
+/// [`ln`] of each number, in vectors.
+#[must_use]
+pub fn logarithms(numbers: &[f64]) -> Vec<f64> {
+    let mut logarithms = vec![0.0; numbers.len()];
+    Level::best().run(Logarithms { numbers, out: &mut logarithms });
+    logarithms
+}
+
+struct Logarithms<'a> {
+    numbers: &'a [f64],
+    out: &'a mut [f64],
+}
+
+impl Pass for Logarithms<'_> {
+    type Output = ();
+
+    #[inline(always)]
+    fn run(self) {
+        for (out, number) in self.out.iter_mut().zip(self.numbers) {
+            *out = ln(*number);
+        }
+    }
+}
+
 /// `ln x` of a positive, finite, normal `x`, to 2 units in the last place of a result that is not close to zero, and to
 /// 4e-17 absolutely close to it.
 ///
@@ -39,7 +65,7 @@ pub fn ln(x: f64) -> f64 {
 mod tests {
     use proptest::prelude::{ProptestConfig, prop_assert, proptest};
 
-    use super::ln;
+    use super::{ln, logarithms};
 
     #[test]
     fn powers_of_two_and_one_are_exact_multiples() {
@@ -48,6 +74,12 @@ mod tests {
             let x = 2.0_f64.powi(k);
             assert!((ln(x) - f64::from(k) * std::f64::consts::LN_2).abs() <= f64::EPSILON * f64::from(k.abs()));
         }
+    }
+
+    #[test]
+    fn logarithms_of_many_numbers_are_those_of_each() {
+        let numbers: Vec<f64> = (0..37).map(|i| 1e-3 * f64::from(i * i) + 1e-4).collect();
+        assert!(logarithms(&numbers).iter().zip(&numbers).all(|(found, number)| *found == ln(*number)));
     }
 
     proptest! {

@@ -7,7 +7,7 @@
 //! an alpha channel nor a colour space: a canvas gives its bytes as they are.
 
 use depthloom_graphs::Value;
-use depthloom_scores::ln;
+use depthloom_scores::logarithms;
 use libm::{exp, log};
 use png::{DeflateCompression, Filter};
 use serde_json::{Value as Json, json};
@@ -106,9 +106,7 @@ impl Coder {
     /// The nearest steps; `None` for NaN. Numbers beyond the steps get the first or the last code, because conversion
     /// saturates.
     fn codes(self, numbers: &[f64]) -> Vec<Option<u16>> {
-        // Loops of their own, so that the compiler uses vectors.
-        let logarithms: Vec<f64> =
-            if self.is_log { numbers.iter().map(|&number| ln(number)).collect() } else { Vec::new() };
+        let logarithms = if self.is_log { logarithms(numbers) } else { Vec::new() };
         let steps = if self.is_log { &logarithms } else { numbers };
         let code =
             |(number, step): (&f64, &f64)| (!number.is_nan()).then_some((step * self.factor + self.offset) as u16);
