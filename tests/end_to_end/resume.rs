@@ -102,6 +102,16 @@ fn bytes_lost_in_a_power_cut_are_written_again() {
 }
 
 #[test]
+fn a_recording_that_lost_all_its_bytes_in_a_power_cut_is_written_again() {
+    let reference = Reference::new();
+    for length in [0, 1, 8, 5000, reference.recording.len() / 2] {
+        let out = reference.folder.path().join(format!("zeros-{length}/run"));
+        reference.write_interrupted(&out, &vec![0; length]);
+        reference.resume(&out);
+    }
+}
+
+#[test]
 fn a_repeatedly_killed_run_ends_with_the_same_bytes() {
     let reference = Reference::new();
     let mut killed = 0;
