@@ -79,7 +79,7 @@ pub(crate) fn summary(report: &Summary, folder: &Path) -> String {
         (report.scored, "scores per frame", "scores.{csv,parquet}"),
         (report.table, "this table", "table.{csv,md,tex,parquet}"),
         (report.distances, "error against distance", "error_vs_distance.{csv,parquet,svg}"),
-        (folder.join(SAMPLES).is_file(), "one row per scored pixel", "samples.parquet (`depthloom analyse` reads it)"),
+        (folder.join(SAMPLES).is_file(), "a row per scored pixel", "samples.parquet (`depthloom analyse` reads it)"),
         (report.learning_curves > 0, "learning curves", "learning_curves.{csv,parquet,svg}"),
         (folder.join(PAGE).is_file(), "all of it on one page", "report.html (`depthloom report RUN --open`)"),
         (has_model("onnx"), "learnt models", "models/<stage>.<node>.onnx"),

@@ -98,6 +98,24 @@ fn replay_recomputes_every_node_equally_including_training() {
 }
 
 #[test]
+fn an_unfinished_recording_is_verified_as_far_as_it_goes_with_a_warning() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let (experiment, out) = (look(folder.path(), ""), folder.path().join("run"));
+    run(&experiment, &out);
+    let path = out.join("recording.mcap");
+    let bytes = std::fs::read(&path).expect("a recording");
+    std::fs::write(&path, &bytes[..bytes.len() * 3 / 4]).expect("written");
+    let (code, printed, stderr) = check(&out, &[]);
+    assert_eq!(code, Some(0), "{printed}{stderr}");
+    assert!(stderr.contains("is unfinished: its last ") && stderr.contains("only complete frames"), "{stderr}");
+    // The experiment is there, and no frame.
+    std::fs::write(&path, &bytes[..40_000]).expect("written");
+    let (code, printed, stderr) = check(&out, &[]);
+    assert_eq!((code, printed.as_str()), (Some(2), ""), "{stderr}");
+    assert!(stderr.contains("no complete frame"), "{stderr}");
+}
+
+#[test]
 fn only_a_changed_node_is_reported_with_its_first_and_worst_pixel() {
     let folder = tempfile::tempdir().expect("a folder");
     let (experiment, recording) = (look(folder.path(), ""), folder.path().join("recording.mcap"));

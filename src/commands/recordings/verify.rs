@@ -4,7 +4,7 @@ use std::sync::Arc;
 
 use depthloom_graphs::Registry;
 use depthloom_graphs::language::nearest;
-use depthloom_recording::Recording;
+use depthloom_recording::{Condition, Recording};
 use depthloom_runner::{Options, run};
 use depthloom_runs::{open, run_failed};
 use depthloom_terminal::{CliError, ExitCode, print, say};
@@ -77,6 +77,9 @@ pub(crate) fn verify(args: &VerifyArgs, registry: &Registry) -> Result<ExitCode,
         print(report.text())?;
         report.damage.iter().take(SHOWN).for_each(|what| say(format_args!("damaged: {what}")));
     }
+    if let unfinished @ Condition::Unfinished { .. } = recording.condition() {
+        say(format_args!("warning: {} is {unfinished}; only complete frames were compared", path.display()));
+    }
     // Lost frames of a damaged recording were not compared.
     let exit = depthloom_runs::end([&*recording]);
     Ok(verdict.map_or(exit, |stop| {
@@ -107,6 +110,9 @@ fn refuse(
     replay: &depthloom_verify::Replay,
     unchecked: &[Unchecked],
 ) -> Result<(), CliError> {
+    if recording.is_empty() {
+        return Err(CliError::new(ExitCode::Usage, "the recording has no complete frame that could be compared"));
+    }
     let is_named = |node: &Unchecked| {
         let run = &recording.plan().runs[node.node.run];
         let name = &run.nodes[node.node.node].name;
