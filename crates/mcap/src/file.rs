@@ -10,7 +10,8 @@ use depthloom_graphs::regular_file;
 use crate::error::FileError;
 use crate::open_files::{FileOnDemand, OpenFiles};
 
-/// Bytes that are appended at a time: so few that they are still in a cache when they are read, after they were cleared.
+/// Bytes that are appended at a time: so few that they are still in a cache when they are read, after they were
+/// cleared.
 const STRETCH: usize = 256 << 10;
 
 /// A file open for reading.

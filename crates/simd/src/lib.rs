@@ -206,8 +206,8 @@ impl Level {
     }
 }
 
-/// Asks the cache for `count` samples from `start` on, as far as they are in the slice: for loops that jump from place to
-/// place, which the processor does not foresee.
+/// Asks the cache for `count` samples from `start` on, as far as they are in the slice: for loops that jump from place
+/// to place, which the processor does not foresee.
 #[inline(always)]
 pub fn prefetch<T>(samples: &[T], start: usize, count: usize) {
     #[cfg(target_arch = "x86_64")]

@@ -16,7 +16,8 @@ use crate::simd::{Level, Pass, prefetch};
 use networks::{Sample, median3_of_sorted, median11, merge5, middle6, sort3, sort5};
 pub use valid::{median3_of_valid, median5_of_valid};
 
-/// Columns filtered together: the more, the fewer pages are visited in turn; sorted windows must fit in the first cache.
+/// Columns filtered together. The more, the fewer pages are visited in turn; sorted windows must fit in the first
+/// cache.
 const STRIP: usize = 128;
 
 /// Rows of sorted windows that 5x5 keeps: six are in use at once.
@@ -106,12 +107,12 @@ impl Image<'_> {
         let row = &self.input[replicate(y, self.height) * self.width..][..self.width];
         if left >= reach && left - reach + N <= self.width {
             for (out, sample) in keys.iter_mut().zip(&row[left - reach..][..N]) {
-                *out = T::of(*sample);
+                *out = T::from_depth(*sample);
             }
         } else {
             for (x, out) in keys.iter_mut().enumerate() {
                 let x = replicate((left + x) as isize - reach as isize, self.width);
-                *out = T::of(row[x]);
+                *out = T::from_depth(row[x]);
             }
         }
     }

@@ -9,7 +9,7 @@ use crate::raster::key;
 /// What is sorted.
 pub(super) trait Sample: Copy + Default {
     /// The sample of a pixel.
-    fn of(depth: f32) -> Self;
+    fn from_depth(depth: f32) -> Self;
     /// The pixel of a sample.
     fn depth(self) -> f32;
     fn lesser(self, other: Self) -> Self;
@@ -19,7 +19,7 @@ pub(super) trait Sample: Copy + Default {
 /// The [`key`] of a pixel: all floats have an order, NaN too.
 impl Sample for i32 {
     #[inline(always)]
-    fn of(depth: f32) -> Self {
+    fn from_depth(depth: f32) -> Self {
         key(depth.to_bits() as Self)
     }
 
@@ -43,7 +43,7 @@ impl Sample for i32 {
 /// integers on one.
 impl Sample for f32 {
     #[inline(always)]
-    fn of(depth: f32) -> Self {
+    fn from_depth(depth: f32) -> Self {
         depth
     }
 
