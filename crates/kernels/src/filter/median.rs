@@ -50,7 +50,7 @@ fn median3_at(level: Level, input: &[f32], width: usize, height: usize, out: &mu
     check("median", out.len(), width, height, 1);
     if !out.is_empty() {
         let image = Image { input, width, height };
-        if level.run(AllUnsigned { depths: input }) {
+        if level.run(All { depths: input, condition: is_unsigned }) {
             level.run(Median3::<f32> { image, out, samples: PhantomData });
         } else {
             level.run(Median3::<i32> { image, out, samples: PhantomData });
@@ -70,7 +70,7 @@ fn median5_at(level: Level, input: &[f32], width: usize, height: usize, out: &mu
     check("median", out.len(), width, height, 1);
     if !out.is_empty() {
         let image = Image { input, width, height };
-        if level.run(AllUnsigned { depths: input }) {
+        if level.run(All { depths: input, condition: is_unsigned }) {
             level.run(Median5::<f32> { image, out, samples: PhantomData });
         } else {
             level.run(Median5::<i32> { image, out, samples: PhantomData });
@@ -78,20 +78,26 @@ fn median5_at(level: Level, input: &[f32], width: usize, height: usize, out: &mu
     }
 }
 
-/// Whether all pixels are zero or above, without a sign, and not NaN.
-struct AllUnsigned<'a> {
+/// Whether a condition is true for all pixels.
+struct All<'a, F> {
     depths: &'a [f32],
+    condition: F,
 }
 
-impl Pass for AllUnsigned<'_> {
+impl<F: Fn(f32) -> bool> Pass for All<'_, F> {
     type Output = bool;
 
     #[inline(always)]
     fn run(self) -> bool {
-        const INFINITY: u32 = f32::INFINITY.to_bits();
         // Block by block, so that it vectorises and yet ends early.
-        self.depths.chunks(4096).all(|block| block.iter().fold(true, |all, depth| all & (depth.to_bits() <= INFINITY)))
+        self.depths.chunks(4096).all(|block| block.iter().fold(true, |all, depth| all & (self.condition)(*depth)))
     }
+}
+
+/// Whether a pixel is zero or above, without a sign, and not NaN.
+#[inline(always)]
+fn is_unsigned(depth: f32) -> bool {
+    depth.to_bits() <= f32::INFINITY.to_bits()
 }
 
 struct Image<'a> {

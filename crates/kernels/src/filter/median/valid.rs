@@ -1,8 +1,8 @@
 //! Medians of maps with gaps: an invalid pixel is not a sample.
 
-use super::{median3, median5};
+use super::{All, median3, median5};
 use crate::raster::{check, replicate};
-use crate::simd::{Level, Pass};
+use crate::simd::Level;
 
 /// [`median3`] over the valid (finite) pixels of every window.
 ///
@@ -24,7 +24,7 @@ pub fn median5_of_valid(input: &[f32], width: usize, height: usize, out: &mut [f
 /// Puts right what gaps did to the medians of windows that reach `REACH` pixels.
 fn mend<const REACH: usize>(input: &[f32], width: usize, height: usize, out: &mut [f32]) {
     check("depth", input.len(), width, height, 1);
-    if Level::best().run(AllFinite { samples: input }) {
+    if Level::best().run(All { depths: input, condition: f32::is_finite }) {
         return;
     }
     let reach = REACH as isize;
@@ -64,20 +64,6 @@ fn of_window<const MOST: usize>(centre_answered: bool, window: impl Iterator<Ite
     depths.sort_unstable_by(f32::total_cmp);
     let upper = depths[count / 2];
     if count % 2 == 1 { upper } else { (depths[count / 2 - 1] + upper) / 2.0 }
-}
-
-struct AllFinite<'a> {
-    samples: &'a [f32],
-}
-
-impl Pass for AllFinite<'_> {
-    type Output = bool;
-
-    #[inline(always)]
-    fn run(self) -> bool {
-        // Block by block, so that it vectorises and yet ends early.
-        self.samples.chunks(4096).all(|block| block.iter().fold(true, |all, depth| all & depth.is_finite()))
-    }
 }
 
 #[cfg(test)]
