@@ -68,7 +68,7 @@ pub use write::resume::{Recovered, recover};
 pub use write::ring::{RingEvent, RingFile, RingOptions, RingSink};
 
 /// The version of the recording format, the only one that is read. Version 0.1 of depthloom wrote 1 to 5.
-pub(crate) const FORMAT: &str = "9";
+pub(crate) const FORMAT: &str = "10";
 /// The most bytes of an uncompressed chunk: the limit of protobuf messages, which no camera frame comes near. Writer
 /// and reader use the same number.
 pub(crate) const LARGEST_CHUNK: u64 = 1 << 31;

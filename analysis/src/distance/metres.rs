@@ -3,6 +3,7 @@
 use std::ops::Range;
 
 use super::FARTHEST_M;
+use super::sample::is_valid;
 
 /// For each scored pixel its metre.
 pub(super) struct Metres {
@@ -48,18 +49,17 @@ impl Metres {
     }
 
     /// The samples of the pixels that are valid, by metre: all samples, and the metres with their places among them.
-    /// `sample` returns the sample of a pixel, and whether it is valid.
-    pub(super) fn sorted(&self, sample: impl Fn(usize) -> (u32, bool)) -> (Vec<u32>, Vec<(u32, Range<usize>)>) {
+    pub(super) fn sorted(&self, samples: &[u32]) -> (Vec<u32>, Vec<(u32, Range<usize>)>) {
         // One more, for a last sample that is not valid.
         let mut sorted = vec![0; self.pixels.len() + 1];
         let mut end = 0;
         let by_metre = self.metres.iter().map(|(metre, places)| {
             let start = end;
             for pixel in &self.pixels[places.clone()] {
-                let (sample, is_valid) = sample(*pixel as usize);
+                let sample = samples[*pixel as usize];
                 // Without a branch: valid pixels have no pattern to predict. The next valid one overwrites the others.
                 sorted[end] = sample;
-                end += usize::from(is_valid);
+                end += usize::from(is_valid(sample));
             }
             (*metre, start..end)
         });
@@ -70,7 +70,10 @@ impl Metres {
 
 #[cfg(test)]
 mod tests {
+    use super::super::sample::sample;
     use super::{FARTHEST_M, Metres};
+
+    const INVALID: u32 = sample(f32::NAN, true);
 
     #[test]
     fn samples_are_sorted_by_metre_and_keep_their_order_within_one() {
@@ -78,15 +81,15 @@ mod tests {
         assert_eq!(metres.counts().collect::<Vec<_>>(), [(1, 1), (3, 3), (9, 1)]);
         let of_pixels: Vec<_> = metres.of_pixels().collect();
         assert_eq!(of_pixels, [Some(3), Some(9), Some(3), None, Some(1), None, Some(3)]);
-        let (sorted, places) = metres.sorted(|pixel| (10 + pixel as u32, pixel != 2));
+        let (sorted, places) = metres.sorted(&[10, 11, INVALID, 13, 14, 15, 16]);
         let found: Vec<_> = places.into_iter().map(|(metre, places)| (metre, sorted[places].to_vec())).collect();
         assert_eq!(found, [(1, vec![14]), (3, vec![10, 16]), (9, vec![11]), (FARTHEST_M, vec![13, 15])]);
     }
 
     #[test]
     fn a_last_pixel_without_a_sample_is_nowhere() {
-        let (sorted, places) = Metres::new(&[2.0, 2.5]).sorted(|pixel| (7, pixel == 0));
+        let (sorted, places) = Metres::new(&[2.0, 2.5]).sorted(&[7, INVALID]);
         assert_eq!(sorted[places[0].1.clone()], [7]);
-        assert!(Metres::new(&[]).sorted(|_| (7, true)).1.is_empty());
+        assert!(Metres::new(&[]).sorted(&[]).1.is_empty());
     }
 }

@@ -19,6 +19,11 @@ pub(super) const fn sample(error_m: f32, is_shared: bool) -> u32 {
     bits_from_error(error_m) << 1 | if is_shared { 0 } else { ALONE }
 }
 
+/// Whether a sample is of a valid pixel, whose error is not NaN.
+pub(super) const fn is_valid(sample: u32) -> bool {
+    error_bits(sample) <= f32::INFINITY.to_bits()
+}
+
 /// The bits of a sample's error.
 pub(super) const fn error_bits(sample: u32) -> u32 {
     sample >> 1
@@ -42,7 +47,15 @@ impl Which {
 
 #[cfg(test)]
 mod tests {
-    use super::{bits_from_error, error_from_bits};
+    use super::{bits_from_error, error_from_bits, is_valid, sample};
+
+    #[test]
+    fn only_a_sample_of_nan_is_not_valid() {
+        for is_shared in [true, false] {
+            assert!([0.0, 3.0, f32::MAX, f32::INFINITY].map(|error| is_valid(sample(error, is_shared))) == [true; 4]);
+            assert!(!is_valid(sample(f32::NAN, is_shared)) && !is_valid(sample(-f32::NAN, is_shared)));
+        }
+    }
 
     #[test]
     fn bits_sort_like_errors() {

@@ -53,8 +53,9 @@ impl FrameSamples {
     /// [errors](depthloom_scores::ScoredPixels::absolute_errors). `shared` states for each scored pixel whether it is
     /// valid in all compared estimates.
     pub(super) fn add(&mut self, estimate: usize, metres: &Metres, errors_m: &[f32], shared: &[bool]) {
-        let (samples, mut metres) =
-            metres.sorted(|pixel| (sample(errors_m[pixel], shared[pixel]), !errors_m[pixel].is_nan()));
+        let samples: Vec<u32> =
+            errors_m.iter().zip(shared).map(|(error_m, shared)| sample(*error_m, *shared)).collect();
+        let (samples, mut metres) = metres.sorted(&samples);
         let too_far = metres.pop_if(|(metre, _)| *metre >= FARTHEST_M);
         let beyond = too_far.map_or(0, |(_, places)| places.len() as u64);
         self.0.push(EstimateSamples { estimate, samples, metres, beyond });

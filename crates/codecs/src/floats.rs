@@ -15,7 +15,8 @@
 //!
 //! `codes` is a zstd frame of the classes, two bits each, four a byte, the first lowest; behind them of the four bits
 //! of all samples of class 2, two a byte, the first lower; and behind these of the high 16 bits of all samples of class
-//! 3, first the lower bytes of all, then the upper. `lows` are little-endian.
+//! 3, first the lower bytes of all, then the upper. Each of these four sections ends with a block. `lows` are
+//! little-endian.
 //!
 //! The standard encoding of viewers, `32FC1` in a chunk that zstd compresses, costs too much to be the default. Maps of
 //! 1242x375 (a frame of KITTI, an EPYC, level 1), without checksums and copies:
@@ -48,15 +49,11 @@ pub struct PackedFloats {
 impl PackedFloats {
     /// Packs samples.
     pub fn pack(samples: &[f32]) -> io::Result<Self> {
-        let Parts { classes: mut codes, middles, lows, highs } = Parts::split(samples);
-        codes.reserve_exact(middles.len() + highs.len());
-        codes.extend_from_slice(&middles);
+        let Parts { classes, middles, lows, highs } = Parts::split(samples);
         let highs = highs.as_chunks::<2>().0;
-        codes.extend(highs.iter().map(|high| high[0]));
-        codes.extend(highs.iter().map(|high| high[1]));
-        let mut compressed = Vec::with_capacity(compression::bound(codes.len()));
-        compression::compress_sparse(&codes, &mut compressed)?;
-        Ok(Self { codes: compressed, lows })
+        let [lower, upper] = [0, 1].map(|byte| highs.iter().map(|high| high[byte]).collect::<Vec<u8>>());
+        let codes = compression::compress_sections(&[&classes, &middles, &lower, &upper])?;
+        Ok(Self { codes, lows })
     }
 }
 

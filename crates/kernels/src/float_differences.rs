@@ -41,9 +41,10 @@ impl Parts {
         let mut parts = Self {
             classes: Vec::with_capacity(count.next_multiple_of(BLOCK) / 4),
             lows: Vec::with_capacity(2 * count + 2),
+            highs: Vec::with_capacity(2 * count),
             ..Self::default()
         };
-        let mut middles = Vec::new();
+        let mut middles = Vec::with_capacity(count);
         // Whole blocks are written, and the output advances by the bytes that count: a stretch stays in the nearest
         // cache.
         let mut room = Room {

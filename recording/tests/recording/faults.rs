@@ -272,17 +272,18 @@ fn recover_copies_the_complete_frames_of_finished_and_unfinished_files() {
 fn a_recording_of_another_format_is_refused_with_the_remedy() {
     let (bytes, ends, _) = recorded();
     let folder = tempfile::tempdir().unwrap();
-    let format_entry = b"\x06\0\0\0format\x01\0\0\x009";
+    let format_entry = b"\x06\0\0\0format\x02\0\0\x0010";
     let place = bytes.windows(format_entry.len()).position(|window| window == format_entry).unwrap();
-    for (bytes, format) in [(bytes.clone(), b'1'), (bytes[..ends[1] as usize].to_vec(), b'5'), (bytes.clone(), b'8')] {
-        let mut other = bytes;
-        other[place + format_entry.len() - 1] = format;
+    for bytes in [&bytes[..], &bytes[..ends[1] as usize]] {
+        let mut other = bytes.to_vec();
+        other[place + format_entry.len() - 1] = b'1';
         let error = Recording::open(written(folder.path(), &other)).unwrap_err();
-        let expected =
-            format!("has recording format {}, but this version of depthloom reads format 9 only", format as char);
-        assert!(error.to_string().ends_with(&expected), "{error}");
-        assert_eq!(error.remedy().unwrap().contains("depthloom 0.1"), format != b'8');
+        let expected = "has recording format 11, but this version of depthloom reads format 10 only";
+        assert!(error.to_string().ends_with(expected), "{error}");
+        assert!(!error.remedy().unwrap().contains("depthloom 0.1"));
     }
+    let of_0_1 = RecordingError::Format { path: folder.path().to_owned(), found: "5".to_owned() };
+    assert!(of_0_1.remedy().unwrap().contains("depthloom 0.1"));
 }
 
 #[test]
