@@ -6,8 +6,10 @@ use depthloom_graphs::language::glob;
 use depthloom_graphs::plan::{RunId, VariantId};
 use depthloom_recording::RecordedPlan;
 use depthloom_scores::{
-    DisparityScoreParams, Family, Mean, Metric, PixelSet, ScoreParams, Settings, Sparsification, UncertaintyKind,
+    DisparityScoreParams, Family, Mean, Metric, PixelSet, Preset, ScoreParams, Settings, Sparsification,
+    UncertaintyKind,
 };
+use serde_json::{Value, json};
 
 use crate::error::{AnalysisError, unknown};
 use crate::tables::{Column, RowKey, RowKeys, Rows, key_columns};
@@ -113,7 +115,8 @@ pub(crate) fn estimates(plan: &RecordedPlan) -> Result<Vec<Estimate>, AnalysisEr
         let parameters = score_parameters(kind, &estimate.score_params, uncertainty).map_err(|error| {
             AnalysisError::content(format!("invalid score parameters of `{}`: {error}", estimate.label))
         })?;
-        let ScoreParameters { family, sets, metrics, mean, settings, sparsification } = parameters;
+        let preset = parameters.described();
+        let ScoreParameters { family, sets, metrics, mean, settings, sparsification, .. } = parameters;
         // Two stages may score estimates of one name.
         let label = match repeated.contains(estimate.label.as_str()) {
             true => format!("{}.{}", planned.stage, estimate.label),
@@ -150,7 +153,7 @@ pub(crate) fn estimates(plan: &RecordedPlan) -> Result<Vec<Estimate>, AnalysisEr
             metrics,
             mean,
             settings,
-            preset: preset(&estimate.score_params),
+            preset,
             score_topic: estimate.score_topic.clone(),
             estimate_topic: estimate.estimate_topic.clone(),
             truth_topic: estimate.truth_topic.clone(),
@@ -218,42 +221,60 @@ pub(crate) fn matching_patterns(patterns: &str, estimates: &[Estimate]) -> Optio
     (!found.is_empty()).then(|| found.join(","))
 }
 
-/// Describes the scoring: `preset martins2018`, `preset martins2018 with max_m 50 and crop garg`. Parameters that only
-/// select rows are not included.
-fn preset(params: &serde_json::Value) -> String {
-    const ROWS: [&str; 5] = ["preset", "sets", "metrics", "zones", "mean"];
-    let set = params.as_object().into_iter().flatten();
-    let set = set.filter(|(name, value)| !value.is_null() && !ROWS.contains(&name.as_str()));
-    let set = set.map(|(name, value)| match value.as_str() {
-        Some(text) => format!("{name} {text}"),
-        None => format!("{name} {value}"),
-    });
-    let set: Vec<String> = set.collect();
-    let with = if set.is_empty() { String::new() } else { format!(" with {}", set.join(" and ")) };
-    match params["preset"].as_str() {
-        Some(preset) => format!("preset {preset}{with}"),
-        None if set.is_empty() => "disparities".to_owned(),
-        None => set.join(" and "),
-    }
-}
-
 /// The recorded parameters of a score node.
 struct ScoreParameters {
     family: Family,
     sets: Vec<PixelSet>,
     metrics: Vec<&'static Metric>,
     mean: Mean,
+    /// Of depths.
+    preset: Option<Preset>,
     settings: Option<Settings>,
     sparsification: Sparsification,
 }
 
+impl ScoreParameters {
+    /// Describes the scoring: `preset martins2018`, `preset martins2018 with crop garg and max_m 50`. Only settings that
+    /// differ from the preset's are named, however they are written: equal scorings have equal descriptions.
+    fn described(&self) -> String {
+        let (Some(preset), Some(settings)) = (self.preset, self.settings) else { return "disparities".to_owned() };
+        let own = named(settings, self.sparsification);
+        let of_preset = named(preset.settings(), Sparsification::default());
+        let differing = own.into_iter().zip(of_preset).filter(|(own, preset)| own != preset);
+        let differing: Vec<String> = differing.map(|((name, value), _)| format!("{name} {}", text(&value))).collect();
+        let with = if differing.is_empty() { String::new() } else { format!(" with {}", differing.join(" and ")) };
+        format!("preset {}{with}", text(&json!(preset)))
+    }
+}
+
+/// Settings with their names in an experiment.
+fn named(settings: Settings, removal: Sparsification) -> [(&'static str, Value); 9] {
+    let Settings { min_m, max_m, missing_m, crop, align, sq_rel, silog } = settings;
+    [
+        ("align", json!(align)),
+        ("ause_error", json!(removal.error)),
+        ("ause_steps", json!(removal.steps)),
+        ("crop", json!(crop)),
+        ("max_m", json!(max_m)),
+        ("min_m", json!(min_m)),
+        ("missing_m", json!(missing_m)),
+        ("silog", json!(silog)),
+        ("sq_rel", json!(sq_rel)),
+    ]
+}
+
+fn text(value: &Value) -> String {
+    match (value.as_str(), value.as_f64()) {
+        (Some(text), _) => text.to_owned(),
+        // Without the decimal point that JSON has in whole numbers.
+        (None, Some(number)) => number.to_string(),
+        (None, None) => value.to_string(),
+    }
+}
+
 /// Reads the recorded parameters of a score node of this kind, with the uncertainty of its estimate. Null parameters
 /// have the values of the preset.
-fn score_parameters(
-    kind: &str,
-    params: &serde_json::Value,
-    uncertainty: UncertaintyKind,
-) -> Result<ScoreParameters, String> {
+fn score_parameters(kind: &str, params: &Value, uncertainty: UncertaintyKind) -> Result<ScoreParameters, String> {
     if kind == DISPARITY {
         let params: DisparityScoreParams =
             serde_path_to_error::deserialize(params).map_err(|error| error.to_string())?;
@@ -261,14 +282,15 @@ fn score_parameters(
         let metrics = params.metrics().map_err(|(_, what)| what)?;
         let (sets, mean) = (params.sets, params.mean);
         let sparsification = Sparsification::default();
-        return Ok(ScoreParameters { family: Family::Disparity, sets, metrics, mean, settings: None, sparsification });
+        let family = Family::Disparity;
+        return Ok(ScoreParameters { family, sets, metrics, mean, preset: None, settings: None, sparsification });
     }
     let params: ScoreParams = serde_path_to_error::deserialize(params).map_err(|error| error.to_string())?;
     params.check().map_err(|(_, what)| what)?;
     let (metrics, settings) = (params.metrics(uncertainty).map_err(|(_, what)| what)?, Some(params.settings()));
     let sparsification = params.sparsification();
-    let (sets, mean) = (params.sets, params.mean);
-    Ok(ScoreParameters { family: Family::Depth, sets, metrics, mean, settings, sparsification })
+    let ScoreParams { sets, mean, preset, .. } = params;
+    Ok(ScoreParameters { family: Family::Depth, sets, metrics, mean, preset: Some(preset), settings, sparsification })
 }
 
 #[cfg(test)]
@@ -301,13 +323,12 @@ impl Estimate {
 
 #[cfg(test)]
 mod tests {
-    use depthloom_scores::{Crop, Preset, ScaleInvariant};
+    use depthloom_scores::{Crop, ScaleInvariant};
     use serde::Deserialize;
-    use serde_json::json;
 
     use super::*;
 
-    fn settings(params: &serde_json::Value) -> Result<(Vec<PixelSet>, Settings), String> {
+    fn settings(params: &Value) -> Result<(Vec<PixelSet>, Settings), String> {
         let read = score_parameters("score/depth", params, UncertaintyKind::None)?;
         Ok((read.sets, read.settings.expect("depths have settings")))
     }
@@ -335,8 +356,32 @@ mod tests {
     }
 
     #[test]
+    fn equal_scorings_have_equal_descriptions() {
+        let of_kind =
+            |kind: &str, params: Value| score_parameters(kind, &params, UncertaintyKind::None).unwrap().described();
+        let of_depths = |mut params: Value| {
+            params["sets"] = json!(["all"]);
+            of_kind("score/depth", params)
+        };
+        let written =
+            json!({ "preset": "monodepth2", "crop": "garg", "max_m": 80.0, "align": "median", "silog": null });
+        assert_eq!(of_depths(written), "preset monodepth2");
+        assert_eq!(of_depths(json!({ "preset": "monodepth2", "median_scaling": true })), "preset monodepth2");
+        let aligned = ["median_scaling", "align"].map(|name| {
+            let value = if name == "align" { json!("median") } else { json!(true) };
+            of_depths(json!({ "preset": "martins2018", "ause_steps": 100, name: value }))
+        });
+        assert_eq!(aligned, ["preset martins2018 with align median"; 2]);
+        let other =
+            json!({ "preset": "monodepth2", "max_m": 50.0, "align": "none", "ause_steps": 20, "ause_error": "rmse" });
+        let expected = "preset monodepth2 with align none and ause_error rmse and ause_steps 20 and max_m 50";
+        assert_eq!(of_depths(other), expected);
+        assert_eq!(of_kind(DISPARITY, json!({ "sets": ["valid"], "metrics": ["epe"] })), "disparities");
+    }
+
+    #[test]
     fn fault_11_invalid_recorded_settings_are_refused_by_name() {
-        let refused = |name: &str, value: serde_json::Value| {
+        let refused = |name: &str, value: Value| {
             let mut params = json!({ "preset": "martins2018", "sets": ["all"] });
             params[name] = value;
             settings(&params).unwrap_err()
@@ -360,7 +405,7 @@ mod tests {
                 }],
             }],
         });
-        let read = |plan: &serde_json::Value| estimates(&RecordedPlan::deserialize(plan).unwrap());
+        let read = |plan: &Value| estimates(&RecordedPlan::deserialize(plan).unwrap());
         assert_eq!(read(&plan).unwrap()[0].row_key.variant.as_deref(), Some("b"));
         plan["runs"][0]["estimates"][0]["variant"] = json!(9);
         let error = read(&plan).unwrap_err().to_string();
@@ -381,7 +426,7 @@ mod tests {
     #[test]
     fn fault_11_settings_that_no_experiment_can_have_are_refused() {
         let fine = json!({ "preset": "martins2018", "sets": ["all"] });
-        let with = |name: &str, value: serde_json::Value| {
+        let with = |name: &str, value: Value| {
             let mut params = fine.clone();
             params[name] = value;
             settings(&params).unwrap_err()
