@@ -102,7 +102,8 @@ mod tests {
         let noise: Vec<u8> = (0..300_000).map(|_| random.next() as u8).collect();
         let few: Vec<u8> = noise.iter().map(|byte| byte % 3).collect();
         let equal = [7; 200_000];
-        for sections in [&[&noise[..], &few, &equal, &noise[..1]][..], &[&[], &few, &[]], &[&[], &[]], &[&noise; 4]] {
+        for sections in [&[&noise[..], &few, &equal, &noise[..1]][..], &[&[], &few, &[]], &[&[], &[]], &[&noise[..]; 4]]
+        {
             let all = sections.concat();
             let packed = compress_sections(sections).unwrap();
             assert_eq!(zstd::zstd_safe::get_frame_content_size(&packed), Ok(Some(all.len() as u64)));
