@@ -62,8 +62,13 @@ impl Remedied for RecordingError {
                 ),
                 _ => remedy_of_writing(source).map(ToOwned::to_owned),
             },
-            Self::NotMcap { .. } => Some("give the recording.mcap of a run's folder".to_owned()),
-            Self::NotARecording { .. } => Some("give a recording that `depthloom run` made".to_owned()),
+            Self::NotMcap { .. } => {
+                Some("give the recording.mcap of a run's folder; if it is one, copy it again, or run again".to_owned())
+            }
+            Self::NotARecording { .. } => Some(
+                "give a recording that `depthloom run` made; if it is one, it was cut off: copy it again, or run again"
+                    .to_owned(),
+            ),
             Self::Format { found, .. } if matches!(found.as_str(), "1" | "2" | "3" | "4" | "5") => {
                 Some("run the experiment again, or read it with depthloom 0.1, which wrote it".to_owned())
             }

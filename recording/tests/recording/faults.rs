@@ -419,7 +419,7 @@ fn other_files_are_named_for_what_they_are() {
     mcap::Writer::new(File::create(&path).unwrap()).unwrap().finish().unwrap();
     let error = Recording::open(&path).unwrap_err();
     assert!(matches!(error, RecordingError::NotARecording { .. }));
-    assert_eq!(error.remedy().unwrap(), "give a recording that `depthloom run` made");
+    assert!(error.remedy().unwrap().starts_with("give a recording that `depthloom run` made; if it is one"));
     // The same without a summary: its program was killed.
     let mut writer = mcap::Writer::new(File::create(&path).unwrap()).unwrap();
     let channel_id = writer.add_channel(0, "/a", "json", &BTreeMap::new()).unwrap();
