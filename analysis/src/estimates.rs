@@ -234,8 +234,8 @@ struct ScoreParameters {
 }
 
 impl ScoreParameters {
-    /// Describes the scoring: `preset martins2018`, `preset martins2018 with crop garg and max_m 50`. Only settings that
-    /// differ from the preset's are named, however they are written: equal scorings have equal descriptions.
+    /// Describes the scoring: `preset martins2018`, `preset martins2018 with crop garg and max_m 50`. Only settings
+    /// that differ from the preset's are named, however they are written: equal scorings have equal descriptions.
     fn described(&self) -> String {
         let (Some(preset), Some(settings)) = (self.preset, self.settings) else { return "disparities".to_owned() };
         let own = named(settings, self.sparsification);

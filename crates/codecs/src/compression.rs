@@ -20,9 +20,9 @@ pub fn compress(from: &[u8], into: &mut (impl WriteBuf + ?Sized)) -> io::Result<
     context(&[CParameter::CompressionLevel(LEVEL)])?.compress2(into, from).map_err(failed)
 }
 
-/// Compresses sections of unlike bytes, of which few repeat, into one frame: each section has blocks of its own, so that
-/// no two share a Huffman table. Matches are looked for at fewer places the longer none is found. This takes half the
-/// time of [`compress`] on the codes of maps, for as many bytes.
+/// Compresses sections of unlike bytes, of which few repeat, into one frame: each section has blocks of its own, so
+/// that no two share a Huffman table. Matches are looked for at fewer places the longer none is found. This takes half
+/// the time of [`compress`] on the codes of maps, for as many bytes.
 pub fn compress_sections(sections: &[&[u8]]) -> io::Result<Vec<u8>> {
     let parameters = [
         CParameter::CompressionLevel(LEVEL),
