@@ -6,7 +6,8 @@ use std::io;
 use zstd::zstd_safe::zstd_sys::ZSTD_EndDirective;
 use zstd::zstd_safe::{CCtx, CParameter, DCtx, InBuffer, OutBuffer, ParamSwitch, WriteBuf, get_error_name};
 
-/// Fast enough not to hold up a run; higher levels gain a few percent on maps (measured: see `benches/encode.rs`).
+/// Fast enough not to hold up a run; higher levels gain a few percent on maps (measured: see
+/// `recording/benches/encode.rs`).
 const LEVEL: i32 = 1;
 
 /// The most bytes that `bytes` may be compressed to.
@@ -22,7 +23,7 @@ pub fn compress(from: &[u8], into: &mut (impl WriteBuf + ?Sized)) -> io::Result<
 
 /// Compresses sections of unlike bytes, of which few repeat, into one frame: each section has blocks of its own, so
 /// that no two share a Huffman table. Matches are looked for at fewer places the longer none is found. This takes half
-/// the time of [`compress`] on the codes of maps, for as many bytes.
+/// the time of [`compress`] on the codes of maps (0.27 instead of 0.53 ms, KITTI on an EPYC), for as many bytes.
 pub fn compress_sections(sections: &[&[u8]]) -> io::Result<Vec<u8>> {
     let parameters = [
         CParameter::CompressionLevel(LEVEL),

@@ -19,15 +19,15 @@
 //! little-endian.
 //!
 //! The standard encoding of viewers, `32FC1` in a chunk that zstd compresses, costs too much to be the default. Maps of
-//! 1242x375 (a frame of KITTI, an EPYC, level 1), without checksums and copies:
+//! 1242x375 (8 frames of KITTI, an EPYC, the best of 9 rounds, level 1), without checksums and copies:
 //!
 //! | map | this format | `32FC1`, zstd |
 //! |---|---|---|
-//! | fused and merged depth | 0.6 ms, 0.6 to 0.9 MB | 3.5 to 4.2 ms, 0.5 to 1.2 MB |
-//! | stereo depth | 0.7 ms, 640 kB | 4.5 ms, 430 kB |
-//! | sparse ground truth | 0.8 ms, 480 kB | 2.8 ms, 440 kB |
-//! | weight | 1.5 ms, 1.1 MB | 2.2 ms, 1.6 MB |
-//! | ground plane | 0.1 ms, 0.8 kB | 0.2 ms, 1.3 kB |
+//! | fused and merged depth | 0.5 to 0.9 ms, 0.6 to 0.9 MB | 3.8 to 6.9 ms, 0.6 to 1.4 MB |
+//! | stereo depth | 0.6 ms, 690 kB | 5.7 ms, 480 kB |
+//! | sparse ground truth | 0.7 ms, 450 kB | 3.0 ms, 360 kB |
+//! | weight | 1.1 ms, 1.2 MB | 2.5 ms, 1.6 MB |
+//! | ground plane | 0.1 ms, 0.8 kB | 0.3 ms, 1.3 kB |
 //!
 //! With the bytes of equal rank together, zstd takes 8 to 13 ms on a Xeon, for 1.1 MB of a fused map.
 

@@ -26,7 +26,7 @@ from mcap_protobuf.decoder import DecoderFactory
 
 from ._errors import RecordingError
 
-#: The formats that are read: in 2, maps of floats are images; 4 and 5 are stored alike.
+#: The format that is read.
 FORMAT = "10"
 
 _MAGIC = b"\x89MCAP0\r\n"
